@@ -84,7 +84,6 @@ class ControlCycle:
         # properties of the robot that are computed at each call
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
-        self._has_no_redundant_rows = len(self._independent) == len(robot.rows.names)
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
@@ -186,11 +185,8 @@ class ControlCycle:
         equations = self._equations
         columns = self._following
         equations.evaluate_pose(q)
-        jacobian = equations.jacobian
-        residual = equations.residual
-        if not self._has_no_redundant_rows:
-            jacobian = jacobian.take(self._independent, axis=0)
-            residual = residual.take(self._independent)
+        jacobian = equations.jacobian.take(self._independent, axis=0)
+        residual = equations.residual.take(self._independent)
         self.T[:] = 0.0
         self.T[self._actuated] = np.eye(len(self._actuated))
         if not len(columns):

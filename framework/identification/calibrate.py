@@ -297,8 +297,8 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
-        responding = (name for name in unused if np.abs(np.vecdot(slopes[name], motion)).max() > least)
-        sensor = next(responding, None)
+        changes = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
+        sensor = next((name for name, change in changes.items() if change > least), None)
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -162,7 +162,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
         if len(not_later):
             raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    is_measured = np.array([f"motor_angle_{joint}" in recording.names for joint in robot.actuator_names])
+    is_measured = np.array([recording.has("motor_angle", [joint]) for joint in robot.actuator_names])
     turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
@@ -299,8 +299,7 @@ def make_sensors(properties: dict[str, float]) -> Sensors:
     Raises:
         InvalidInput: an unknown name, or a value out of range.
     """
-    known = {field.name for field in fields(Sensors)}
     for name in properties:
-        check_choice("property of --sensors", name, known)
+        check_choice("property of --sensors", name, vars(Sensors()))
     values: dict[str, Any] = {**properties, "seed": int(properties.get("seed", 0))}
     return Sensors(**values)
