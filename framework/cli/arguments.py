@@ -275,9 +275,9 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
 
 
 def refuse_options(options: Namespace, keys: Iterable[str], reason: str) -> None:
-    """Refuse the first typed one of the options `keys`, for a reason; the remedy is to leave it out.
+    """Refuse the first typed option among `keys`, for a reason.
 
-    The flexibility rigid may be the default, and is not refused.
+    The remedy is to leave the option out. The flexibility rigid may be the default, and is not refused.
     """
     for key in keys:
         value = getattr(options, key, None)

@@ -185,10 +185,10 @@ def run_capacity(options: Namespace) -> Report:
     capacity = largest_load_of(robot, request, progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _make_document(capacity), capacity_lines(capacity)
+    return _capacity_document(capacity), capacity_lines(capacity)
 
 
-def _make_document(capacity: Capacity) -> Document:
+def _capacity_document(capacity: Capacity) -> Document:
     """Return the capacity for JSON, where infinite numbers become null."""
     plan = capacity.plan
     return {
