@@ -325,7 +325,7 @@ def replay_run(options: Namespace) -> Report:
 
 
 def _changed_options(options: Namespace) -> list[str]:
-    """Return the options that differ from their defaults, except those of a replay."""
+    """Return the options that differ from their defaults; options of a replay may do so."""
     defaults = vars(options.parser.parse_args([options.robot]))
     changed = [key for key, default in defaults.items() if getattr(options, key) != default]
     return [key for key in changed if key not in OF_A_REPLAY]
