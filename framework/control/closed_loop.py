@@ -84,7 +84,11 @@ def draw_noise(
 ) -> Array | None:
     """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without noise.
 
-    Positions are in rad or m, speeds in rad/s or m/s. `seeds` are those of the R variations.
+    Positions are in rad or m, speeds in rad/s or m/s.
+
+    Args:
+        seeds: those of the R variations.
+        samples: number of sampling instants.
     """
     if not (spread.noise or spread.speed_noise):
         return None

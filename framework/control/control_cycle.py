@@ -81,7 +81,7 @@ class ControlCycle:
         self._equations = SinglePose(robot)
         self._data = robot.model.createData()
         self._names = ", ".join(robot.actuator_names)
-        # properties of the robot that are computed at each call
+        # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
@@ -272,7 +272,7 @@ class ControlCycle:
         self._set_state(q, np.zeros(self.robot.n_a))
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set the state at q (nq,) and motor rates `rates` (n_a,); T must already belong to q."""
+        """Set the state at q (nq,) for `rates` (n_a,) of the motors' joints; T must belong to q already."""
         self.q = q
         self.v = self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed

@@ -96,11 +96,12 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
             f"got {period!r}"
         )
+
     robot, dynamics = plan.robot, plan.dynamics
     # rounding must not lose the instant at the end
     count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
-    middles = np.minimum(times + period / 2, plan.duration)
+    middles = np.minimum(times + period / 2, plan.duration)  # of the periods
     motion = dynamics.motion(times)
     x = plan.platform(times)
     return Reference(

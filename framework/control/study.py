@@ -117,6 +117,7 @@ def run_study(
 
     started = time.perf_counter()
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
+    # numbers of the runs of each chunk, by the name under which the chunk is stored
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
     finished_runs = 0  # in finished chunks
 
@@ -140,7 +141,7 @@ def run_study(
         keeper=keeper,
         progress=report,
     )
-    outcomes: Document = {**arrays, "why": tuple(arrays["why"].tolist())}
+    outcomes: Document = {**arrays, "why": tuple(arrays["why"].tolist())}  # fields of `Outcomes`
     seconds = time.perf_counter() - started
     return Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes)
 

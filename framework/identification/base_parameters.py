@@ -84,9 +84,11 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
     motors = robot.actuated
     bodies = [j for j in range(1, model.njoints) if massless or model.inertias[j].mass > 0]
     links = tuple(link_of(model, j) for j in bodies)
+
     names = [f"{link}.{name}" for link in links for name in INERTIAL]
     names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
-    body_values = [link_parameters(model, j) for j in bodies]
+
+    body_values = [link_parameters(model, j) for j in bodies]  # (10,) each
     motor_values = [robot.rotor_inertia, robot.joint_damping[motors], robot.joint_friction[motors]]
     body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
@@ -208,13 +210,14 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
     expect_robot(robot)
     described = torque_parameters(robot, massless=massless)
     random = np.random.default_rng(0)
-    count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))
+    count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))  # instants of n rows each
     sets = []
     for _ in range(RANDOM_SETS):
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # give all instants the same weight: forces are large near singularities of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
         sets.append(find_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
+
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
@@ -223,6 +226,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
             f"singular values leave no clear gap",
             residual=1.0 / least.gap,
         )
+
     all_links = torque_parameters(robot, massless=True).links
     return BaseParameters(
         robot=robot,
@@ -322,13 +326,15 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     links = elements_by_name(urdf, "link").items()
     in_file = {name: read_inertial_parameters(link) for name, link in links}
     heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
-    frames: list[pin.Frame] = []
+
+    frames: list[pin.Frame] = []  # of the links with mass, body by body
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
     for i, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
             if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
                 frames.append(frame)
                 columns.append(_link_columns(robot, parameters, i, frame))
+
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
     link_values = [heavy[frame.name] for frame in frames]
@@ -426,8 +432,8 @@ def write_inertial(link: Element, parameters: Array) -> None:
     """
     mass, *first_moments = parameters[:4].tolist()
     centre = np.array(first_moments) / mass
-    second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
-    moments, axes = np.linalg.eigh(second_moments)
+    about_centre = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    moments, axes = np.linalg.eigh(about_centre)
     second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")

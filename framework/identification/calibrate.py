@@ -206,7 +206,7 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     """
     stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
     for refusal in stack.refused.values():
-        raise refusal
+        raise refusal  # the first one
     return stack.q
 
 

@@ -83,7 +83,9 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     for name in chosen:
         is_fixed = elements[name].get("type") == "fixed"
         origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
-        springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
+        stiffness = (1.0,) * len(AXES)  # required, but without effect on the geometry
+        springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, stiffness))
+
     urdf_text = tostring(urdf, encoding="unicode")
     with_errors = replace(description, urdf_text=urdf_text, springs=tuple(springs))
     return Geometry(

@@ -363,18 +363,21 @@ def fit_possible_parameters(
         NotConverged: the solver does not converge.
     """
     best, change = _minimise_misfit(links, information, residual, prior * links.spread)
+
+    # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
     motors = links.motor_slice
     deviations = prior * links.spread[motors]
-    positive = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
-    y = semidefinite_least_squares(cones, positive)
+    not_negative = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
+    y = semidefinite_least_squares(cones, not_negative)
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
             residual=float(np.linalg.norm(residual)),
         )
+
     values = best + change @ y
-    values[motors] = np.maximum(values[motors], 0.0)
+    values[motors] = np.maximum(values[motors], 0.0)  # against rounding
     for part in links.link_slices:
         if (values[part] != links.values[part]).any():
             link = Element("link")
@@ -407,7 +410,7 @@ def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
     the size of rounding are allowed.
     """
     D = _balancing_scale(file)
-    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
+    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
 

@@ -161,9 +161,10 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
             raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
+
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
     is_measured = np.array([recording.has("motor_angle", [joint]) for joint in robot.actuator_names])
-    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])
+    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])  # motors of hinges
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
     if len(turning) and _is_in_degrees(angles, start[turning]):
