@@ -38,7 +38,7 @@ from framework.planning.plan import (
     max_torque_ratio,
     plan_request,
 )
-from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_text
+from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
@@ -199,9 +199,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
-        motor = best.reference.argmax()
-        peak = bound.value * best.reference[motor]
-        least = f"has a peak below {peak:.4g} {plan.robot.torque_units[motor]}"
+        peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
+        least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
     return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more")]
 

@@ -28,7 +28,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, select_fields
-from framework.planning.plan_facts import excess_facts
+from framework.planning.plan_facts import excess_facts, join_facts, torque_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify
@@ -211,9 +211,8 @@ def _report_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     if options.velocity is None and options.acceleration is None and not wrenches:
         return {}, []
     instant = dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
-    torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
-    values = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
-    lines = [f"  motor torque      {values} (motor side)"]
+    torques = torque_facts(robot, instant.torque.round(12) + 0.0, 9)
+    lines = [f"  motor torque      {join_facts(torques)} (motor side)"]
     for label, forces in (("loop", instant.loop_forces), ("joint", instant.reactions)):
         lines += [f"  {label:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in forces.items()]
     if instant.indeterminate:

@@ -73,18 +73,16 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
-    ax = ensure_axes(ax)
-    times = _sample_times(plan)
+    ax, times = ensure_axes(ax), _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).torque_limit)
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the speed of each motor over time, motor side, with its limits."""
-    ax, robot = ensure_axes(ax), plan.robot
-    times = _sample_times(plan)
-    _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
-    return _draw_limits(plan, ax, specification_of(robot, plan.request).speed_limit)
+    ax, times = ensure_axes(ax), _sample_times(plan)
+    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, 1), "speed", plan.robot.speed_units)
+    return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).speed_limit)
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
