@@ -200,9 +200,15 @@ def films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
 
 def largest_drawn_torque(film: Film) -> float:
     """Return the largest torque to draw; the poles of an unproved motion are cut off."""
-    peaks = np.abs(film.torque).max(axis=1)  # (F,)
-    if film.proved:
-        return float(peaks.max())
+    return float(np.abs(film.torque).max()) if film.proved else cut_off_poles(film.torque)
+
+
+def cut_off_poles(torque: Array) -> float:
+    """Return the largest torque to draw of samples (T, n_a) with poles.
+
+    The height of the spikes at poles depends on the sampling alone.
+    """
+    peaks = np.abs(torque).max(axis=1)  # (T,)
     peaks[np.isnan(peaks)] = np.inf
     usual = float(np.quantile(peaks, 0.8))
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0

@@ -25,7 +25,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.show.captions import describe_motors, display_name, wrench_unit
 from framework.show.drawing import plot_still
-from framework.show.film import UNPROVED_TORQUE_RATIO, Film, film_plan, limit_for_picture, peak_torque
+from framework.show.film import Film, cut_off_poles, film_plan, limit_for_picture, peak_torque
 from framework.show.style import (
     ALARM,
     BAND,
@@ -238,14 +238,12 @@ def plot_raw_torques(
     """Plot torques of a raw sampling, with the instants [s] of unbounded torque."""
     ax = ensure_axes(ax)
     draw_torques(ax, robot, raw.time, raw.torque)
-    peaks = np.abs(raw.torque).max(axis=1)
-    peaks = peaks[np.isfinite(peaks)]
-    if len(poles) and peaks.size:  # spikes are cut off: their height depends on the sampling alone
-        top = UNPROVED_TORQUE_RATIO * np.quantile(peaks, 0.8)
+    if len(poles):
+        top = cut_off_poles(raw.torque)
         ax.set_ylim(-top, top)
-        for pole in poles:
-            draw_dashed(ax, pole, ALARM, 0.8)
-            ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
+    for pole in poles:
+        draw_dashed(ax, pole, ALARM, 0.8)
+        ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
 
