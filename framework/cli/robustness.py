@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
@@ -109,11 +108,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             dest=f"spread_{name}",
             default=default,
         )
-    _add_loop(parser.topic("the control loop"))
-
-
-def _add_loop(loop: argparse._ArgumentGroup) -> None:
-    """Add the options of the control loop: period, sensors, limits and tolerance."""
+    loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
         "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"

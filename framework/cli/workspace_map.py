@@ -5,7 +5,6 @@ With --study: a small map for each set of the parameters of a robot file.
 
 from __future__ import annotations
 
-import argparse
 from argparse import Namespace
 from pathlib import Path as FilePath
 
@@ -78,7 +77,29 @@ def add_map_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--quantity", nargs="+", metavar="Q", help=f"of {', '.join(QUANTITIES)} (default: those that apply)"
     )
-    _add_window(group)
+    group.add_argument(
+        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
+    )
+    add_number(
+        group,
+        "--at",
+        "X",
+        "platform point about which the map lies [m, rad] (default: the reference)",
+        nargs="+",
+    )
+    add_number(
+        group,
+        "--window",
+        "X",
+        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
+        nargs=4,
+    )
+    group.add_argument(
+        "--size",
+        type=integer_between(2, MAX_EDGE_POSES),
+        metavar="N",
+        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
+    )
     parser.topic(LIMITS).add_argument(
         "--keep-limits",
         action="store_true",
@@ -118,33 +139,6 @@ def add_map_options(parser: OneLineParser) -> None:
     )
     group.add_argument("--table", metavar="CSV", help="of the sets of parameters, instead of all of them")
     add_missing_fields(parser)
-
-
-def _add_window(group: argparse._ArgumentGroup) -> None:
-    """Add the options that choose the poses of the map."""
-    group.add_argument(
-        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
-    )
-    add_number(
-        group,
-        "--at",
-        "X",
-        "platform point about which the map lies [m, rad] (default: the reference)",
-        nargs="+",
-    )
-    add_number(
-        group,
-        "--window",
-        "X",
-        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
-        nargs=4,
-    )
-    group.add_argument(
-        "--size",
-        type=integer_between(2, MAX_EDGE_POSES),
-        metavar="N",
-        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
-    )
 
 
 def run_map(options: Namespace) -> Report:
