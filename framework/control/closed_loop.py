@@ -66,7 +66,10 @@ class Variation:
 
 
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
-    """Draw the variation of one robot from its seed, independent of all other runs."""
+    """Draw the variation of one robot, independent of all others.
+
+    `seed` is the seed of the study and the number of the run.
+    """
     random = np.random.default_rng(seed)
     # drawing in another order would give other results for the same seed
     return Variation(

@@ -284,7 +284,7 @@ def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[St
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")
-    with prefix_errors(file, InvalidInput):
+    with prefix_errors(file, InvalidInput):  # the entries of the set-up, checked
         stated = read_table("", saved, _STUDY, others=None)
         loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
     plan = plan_from_document(stated["plan"], file, robot_file=robot_file)

@@ -123,13 +123,16 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
 def format_combination(names: Sequence[str], coefficients: Array) -> str:
     """Format a combination (p,) of parameters as text: `a + 0.25 b - c`."""
     used = np.flatnonzero(coefficients)
+    if not used.size:
+        return "0"
     terms = []
     for k in used[:MAX_TERMS]:
         value = coefficients[k]
         factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
-    ending = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
-    return (" ".join(terms) + ending).removeprefix("+ ") if terms else "0"
+    if len(used) > MAX_TERMS:
+        terms.append(f"and {len(used) - MAX_TERMS} more terms")
+    return " ".join(terms).removeprefix("+ ")
 
 
 def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:

@@ -254,7 +254,7 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 def _mask_held_out(times: Array) -> BoolArray:
     """Return a mask (T,) of the instants held out: every fourth of 20 blocks of time."""
     share = (times - times[0]) / (times[-1] - times[0])
-    count = 5 * HELD_OUT_EVERY
+    count = 5 * HELD_OUT_EVERY  # of blocks
     blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
@@ -394,6 +394,10 @@ def _minimise_misfit(
     For any y, misfit plus prior at the parameters minimum + change y exceeds its least value by |y|^2. In
     units of the prior deviations (u,), with T = `to_parameters`, the quadratic form has the matrix
     T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
+
+    Args:
+        information, residual: A'A (p, p) and A'r (p,), as in `fit_possible_parameters`.
+        deviation: (u,) prior standard deviations of the parameters.
     """
     T = links.to_parameters * deviation  # (p, u)
     w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))

@@ -108,6 +108,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
+
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
     if len(rows) < 2:
