@@ -194,9 +194,11 @@ def _report_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Report
         ranges = polytope.axis_ranges()
         document[name] = {"alone": ranges, "bounds": polytope.bounds()}
         document[name] |= select_fields(polytope, "vertices", "normals", "offsets")
-        rows = zip(robot.axis_names, ranges.tolist(), units, strict=True)
-        words = ", ".join("{} {:.4g} .. {:.4g} {}".format(axis, *ends, unit[k]) for axis, ends, unit in rows)
-        lines.append(f"  {name + ' limits':<17} {words}{alone}")
+        words = [
+            f"{axis} {low:.4g} .. {high:.4g} {unit[k]}"
+            for axis, (low, high), unit in zip(robot.axis_names, ranges, units, strict=True)
+        ]
+        lines.append(f"  {name + ' limits':<17} {', '.join(words)}{alone}")
     if lines:
         lines.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
     return {"limits": document}, lines

@@ -108,9 +108,11 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
 def _draw_values(workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes) -> None:
     """Draw the values of a quantity as colours, and the colour scale."""
     palette, norm = quantity_colours(workspace, quantity)
-    shown = np.ma.masked_invalid(workspace.values[quantity.key]).T
+    values = workspace.values[quantity.key]
+    shown = np.ma.masked_invalid(values).T
     mesh = ax.pcolormesh(*edges, shown, cmap=palette, norm=norm, rasterized=True, linewidth=0)
-    below, above = shown.min() < norm.vmin, shown.max() > norm.vmax  # masked, so false, without a value
+    finite = values[np.isfinite(values)]
+    below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = ("both" if above else "min") if below else ("max" if above else "neither")
     width = 0.04 * max(1.0, ax.get_box_aspect() or 1.0)  # over the width of the window
     bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
