@@ -37,6 +37,7 @@ from framework.identification.combinations import (
     Combinations,
     find_combinations,
     format_combination,
+    merge_rows,
 )
 from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
@@ -216,7 +217,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # give all instants the same weight: forces are large near singularities of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
-        sets.append(find_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
+        sets.append(find_combinations(merge_rows(matrix), described.sizes))
 
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)

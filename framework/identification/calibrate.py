@@ -21,21 +21,22 @@ from framework.identification.combinations import (
     Combinations,
     describe_unseen_direction,
     find_combinations,
+    merge_rows,
 )
 from framework.identification.geometry import (
     Geometry,
     Measurements,
     ParameterEquations,
     eliminate_poses,
-    encoder_names,
     measurement_offsets,
     parametrise_geometry,
     select_measurements,
+    sensor_slopes,
 )
 from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
-from framework.kinematics.frames import frames_at, integrate_columns
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
@@ -289,7 +290,7 @@ def _describe_unseen(
         measured, q, equations: measurements, poses (T, nq) and equations of the instants that were used.
     """
     model = geometry.model
-    slopes = _sensor_slopes(model, q)
+    slopes = sensor_slopes(model, q)
     unused = [name for name in slopes if name not in measured.names]
     sentences = []
     for direction in combinations.unseen:
@@ -302,20 +303,6 @@ def _describe_unseen(
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
-
-
-def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Compute derivatives of all measurable quantities at q (T, nq), by name.
-
-    The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
-    the joints that an encoder can measure, with constant derivatives (nv,).
-    """
-    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
-    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
-    for column, name in encoder_names(model).items():
-        slopes[name] = np.eye(model.model.nv)[column]
-    return slopes
 
 
 class GaussNewton:
@@ -494,8 +481,3 @@ class GaussNewton:
         rows = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
         rows = rows @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
-
-
-def merge_rows(stack: Array) -> Array:
-    """Merge a stack (T, m, p) into one matrix (T m, p)."""
-    return stack.reshape(-1, stack.shape[2])

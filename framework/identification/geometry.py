@@ -231,6 +231,20 @@ def encoder_names(model: ParallelRobot) -> dict[int, str]:
     return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
 
 
+def sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
+    """Compute derivatives of all measurable quantities at q (T, nq), by name.
+
+    The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
+    the joints that an encoder can measure, with constant derivatives (nv,).
+    """
+    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
+    for column, name in encoder_names(model).items():
+        slopes[name] = np.eye(model.model.nv)[column]
+    return slopes
+
+
 class MeasuredOffsets(NamedTuple):
     """Values of the model minus measured values [rad, m], and their derivatives."""
 

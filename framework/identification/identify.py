@@ -37,6 +37,7 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
     write_inertial,
 )
+from framework.identification.combinations import merge_rows
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
 from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -240,7 +241,7 @@ def _whiten(
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
     matrix = (weights @ regressor.matrix)[instants]  # (instants, n, p)
-    return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
+    return Rows(merge_rows(matrix), np.matvec(weights, wrench)[instants].ravel())
 
 
 def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
