@@ -52,7 +52,7 @@ Beyond these names:
 * `framework.kinematics.continuation.pose_stack`: poses of many motor angles at once;
   `framework.dynamics.forward_derivatives`: derivatives of accelerations;
   `framework.dynamics.finite_differences`: torques without a proof;
-* `framework.show.plots`, `framework.show.locus_figures`, `framework.show.drawing`: figures;
+* `framework.show.plots`, `framework.show.map`, `framework.show.drawing`: figures;
   `framework.show.jupyter`: robots and plans in notebooks;
 * `framework.catalogue`: robots by name.
 """

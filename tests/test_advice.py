@@ -150,7 +150,7 @@ def test_what_was_tried_is_not_advised(capsys, monkeypatch):
     def refuse(options):
         raise NoLaw("no").advising({"bend": True})
 
-    monkeypatch.setattr("framework.cli.plan.run", refuse)
+    monkeypatch.setattr("framework.cli.plan.run_plan", refuse)
     assert "; try: crossing plan five_bar --scene C --bend\n" in run(capsys, "plan five_bar --scene C")[2]
     for line in (
         "plan five_bar --scene C --bend",
@@ -158,7 +158,7 @@ def test_what_was_tried_is_not_advised(capsys, monkeypatch):
         "plan --bend 1% five_bar",
     ):
         assert ("try" in run(capsys, line)[2]) is ("1%" in line)
-    monkeypatch.setattr("framework.cli.simulate.run", refuse)
+    monkeypatch.setattr("framework.cli.simulate.run_simulate", refuse)
     assert "try" not in run(capsys, "simulate five_bar --scene C")[2]  # it knows no such option
 
 

@@ -11,8 +11,13 @@ import unicodedata
 import pytest
 
 from framework.cli import main
-from framework.cli.console import MAX_MESSAGE_LENGTH, one_line, printable
-from framework.cli.running import DEBUG_VARIABLE, UNEXPECTED_EXIT_CODE
+from framework.cli.console import (
+    DEBUG_VARIABLE,
+    MAX_MESSAGE_LENGTH,
+    UNEXPECTED_EXIT_CODE,
+    one_line,
+    printable,
+)
 
 RED = "\x1b[31mred\x1b[0m"
 ODD = ["a\nb", "a\r\nb", RED, "\x00", "\x07", "\u202egnp", "\u2028", "\udcff", "\x85", "\xa0", "\u200b"]
@@ -178,7 +183,7 @@ def faulty(monkeypatch):
     def fail(options):
         raise Fault(f"a {RED}\nmistake" + "." * 3000)
 
-    monkeypatch.setattr("framework.cli.check.run", fail)
+    monkeypatch.setattr("framework.cli.robots.run_check", fail)
 
 
 @pytest.mark.usefixtures("faulty")
@@ -190,7 +195,7 @@ def test_an_unexpected_error_is_one_line_and_asks_to_be_reported(capfd, monkeypa
     assert is_one_line(err)
     for words in (
         "unexpected Fault: a \\x1b[31mred",
-        "framework/cli/running.py, line ",
+        "framework/cli/console.py, line ",
         "report it",
         DEBUG_VARIABLE,
     ):

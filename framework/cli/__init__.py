@@ -1,25 +1,23 @@
-"""The command line: `crossing COMMAND`, one file a command. Open `plan` first, then `arguments`.
+"""The command line: `crossing COMMAND`. Open `plan` first, then `arguments`.
 
 This package parses and prints; it computes nothing.
 
 What commands share
-    commands            the list of commands, and the parser
-    running             run one command; on failure print a message with a command line to try instead
+    commands            the list of commands, and the parser; the command line to try instead of a refused one
+    console             run one command: report on stdout, errors in one line on stderr, progress; layout
     parser              the options that several commands share
-    writing             files in the folder of --out
-    arguments           from options to the robot, the path and the request
-    console             reports on stdout, errors in one line on stderr, progress; layout in a terminal
+    arguments           from options to the robot, the path and the request; files in the folder of --out
 
 Commands
-    robots, check, convert   the catalogue; the mechanism that a file describes; files of other dialects
-    locate, pose             singular points on a path; all joints of a pose
-    workspace_map            `map`, and `map --study`
-    plan                     `plan`, and `plan --raw`
-    capacity                 the largest multiple of a wrench
-    fidelity, simulate       errors of the model and of the plan
-    robustness               `robustness`, and `robustness STUDY --replay K`
-    calibrate, identify      the geometry, and parameters of torques, from recorded data
-    show, report, export     pages, reports, files for other programs
+    robots              `robots`, `check`, `convert`: catalogue; what a file describes; other dialects
+    locate, pose        singular points on a path; all joints of a pose
+    workspace_map       `map`, and `map --study`
+    plan                `plan`, and `plan --raw`
+    fidelity            `fidelity` and `capacity`: the least model, and the largest wrench, for a motion
+    simulate            the robot driven by the planned torques
+    robustness          `robustness`, and `robustness STUDY --replay K`
+    identification      `calibrate`, `identify`: the geometry, and parameters of torques, from recorded data
+    show, export        `show`, `report`: pages of motions and plans; files for other programs
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input
 (`check`: A is not square, so that no other command takes the robot), 70 a fault of this program, 130 ended by
@@ -49,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def report_interruption(stop: KeyboardInterrupt, arguments: Sequence[str]) -> int:
     """Report that a command was interrupted and return the exit code."""
-    from framework.cli.running import report_refusal
+    from framework.cli.console import report_refusal
 
     words = "terminated" if isinstance(stop, Terminated) else "interrupted"
     return report_refusal(stop, ": ".join([words, *map(str, stop.args)]), exit_code(stop), arguments)
@@ -62,9 +60,9 @@ def _run(arguments: Sequence[str], heard: Heard) -> int:
             parser = parser_of(arguments)
         options = parser.parse_args(arguments)
         with defer_signals():
-            from framework.cli.running import run
+            from framework.cli.console import run
         return run(options, heard, arguments)
     except Exception as error:  # noqa: BLE001 - all other errors are faults of the program
-        from framework.cli.running import report_failure
+        from framework.cli.console import report_failure
 
         return report_failure(error, heard, arguments)

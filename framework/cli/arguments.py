@@ -1,12 +1,16 @@
-"""Make the robot, the path and the motion that a command line requests."""
+"""Make the robot, the path and the motion that a command line requests, and write the files of --out."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from framework.catalogue import robot_file
+from framework.cli.parser import Report
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
@@ -16,6 +20,9 @@ from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
 from framework.numerics.fields import number
+from framework.numerics.kept import KeptChunks, remove_stores
+from framework.numerics.output import Document, write_file, written_together
+from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import (
     DEFAULT_ROWS,
     MAX_SAMPLES,
@@ -136,10 +143,9 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         raise InvalidInput(
             f"give either --scene (of {robot.name}: {', '.join(scenes)}) or both --from and --to"
         ).advising({**_NO_LINE, "scene": scenes[0]})
-    axes = ", ".join(robot.axis_names)
-    for flag, corners in {"--from": [start], "--to": [end], "--via": via}.items():
-        for corner in corners:
-            finite_numbers(f"{flag} ({axes})", corner, robot.n)
+    flags = ["--from", *["--via"] * len(via), "--to"]
+    for flag, corner in zip(flags, [start, *via, end], strict=True):
+        finite_numbers(f"{flag} ({', '.join(robot.axis_names)})", corner, robot.n)
     return Polyline([start, *via, end], options.blend) if via else Line(start, end)
 
 
@@ -194,15 +200,11 @@ def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
 
 def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
     """Parse limits of motors: numbers, or JOINT=N of some; `none` is no limit."""
-    joints: list[str] = []
-    values: list[float | None] = []
-    for word in words:
-        joint, _, text = word.rpartition("=")
-        joints.append(joint)
-        try:
-            values.append(None if text == "none" else float(text))
-        except ValueError:
-            raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
+    joints, _, texts = zip(*(word.rpartition("=") for word in words), strict=True)
+    try:
+        values = [None if text == "none" else float(text) for text in texts]
+    except ValueError:
+        raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
     if not any(joints):
         return values
     if not all(joints):
@@ -250,13 +252,9 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
                 {"robot_file": None}
             )
         return None
-    for key in _OF_A_PLAN:
-        value = getattr(options, key, None)
-        if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be the default
-            flag = flag_of(key)
-            raise InvalidInput(
-                f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
-            ).advising({flag[2:]: None})
+    refuse_options(
+        options, _OF_A_PLAN, f"the plan in {options.robot} has its own; leave it out, or plan again"
+    )
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
@@ -274,6 +272,18 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
             f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
         )
     return plan.samples(period=1.0 / options.rate, columns=options.columns)
+
+
+def refuse_options(options: Namespace, keys: Iterable[str], reason: str) -> None:
+    """Refuse the first typed option among `keys`, for a reason.
+
+    The remedy is to leave the option out. The flexibility rigid may be the default, and is not refused.
+    """
+    for key in keys:
+        value = getattr(options, key, None)
+        if value is not None and value is not False and value != "rigid":
+            flag = flag_of(key)
+            raise InvalidInput(f"{flag}: {reason}").advising({flag[2:]: None})
 
 
 def flag_of(key: str) -> str:
@@ -295,3 +305,57 @@ _OF_A_PLAN = (
     *TYPED,
     *WRENCH_OPTIONS,
 )
+
+
+# ------------------------------------------------------------------ files of --out
+
+
+def write_page(file: FilePath, page: str | bytes) -> Report:
+    """Write one file and return the report on its name and size."""
+    write_file(file, page)
+    size = file.stat().st_size
+    return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
+
+
+@contextmanager
+def written_out(options: Namespace, document: str, beside: Collection[str] = ()) -> Iterator[FilePath | None]:
+    """Yield a folder whose files `written_together` moves into --out; None without --out."""
+    if options.out is None:
+        yield None
+        return
+    with written_together(FilePath(options.out), document=document, beside=beside) as folder:
+        yield folder
+    options.written = options.out
+
+
+@contextmanager
+def mapped_stepwise(
+    options: Namespace, document: str, setup: Document, unit: str
+) -> Iterator[tuple[FilePath | None, KeptChunks | None, Executor | None]]:
+    """Yield the folder of `written_stepwise`, the store of finished chunks, the executor."""
+    store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
+    with (
+        written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder,
+        executor_of(workers=options.workers, dask=options.dask) as executor,
+    ):
+        yield folder, store, executor
+
+
+@contextmanager
+def written_stepwise(
+    options: Namespace, document: str, count: Callable[[], int], unit: str
+) -> Iterator[FilePath | None]:
+    """Yield the folder of `written_out`, for long work that may be interrupted.
+
+    After an interruption finished parts stay in --out, and the message states their number, `count()`, and
+    `unit`.
+    """
+    with written_out(options, document) as folder:
+        try:
+            yield folder
+        except KeyboardInterrupt as stop:
+            finished = count()
+            sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
+            raise type(stop)(*([sentence] if finished else [])) from None
+    if options.out is not None:
+        remove_stores(FilePath(options.out))

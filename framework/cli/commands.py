@@ -1,35 +1,45 @@
-"""The commands in the order of --help, and a parser that lists them without importing their modules."""
+"""The commands in the order of --help, their parser, and command lines to try instead of a refused one.
+
+The parser imports the module of one command at most, so that --help is quick.
+"""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """Text and examples of a command in the help.
+    """A command: its texts in the help, and its module.
 
     All examples run in one folder, in the order of `COMMANDS`: later ones read files of earlier ones.
     """
 
-    text: str
-    examples: tuple[str, ...]
+    text: str  # of the list of commands, without a full stop
+    examples: tuple[str, ...]  # command lines
+    module: str  # in this package; has `add_NAME_options` and `run_NAME`
+    details: str = ""  # follow the text in the command's own help
 
 
 COMMANDS = {
-    "robots": Command("list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png")),
+    "robots": Command(
+        "list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png"), "robots"
+    ),
     "check": Command(
         "mobility, rank, redundant rows, masses, closure error, mode",
         ("crossing check five_bar", "crossing check delta --flexibility flexible_joints"),
+        "robots",
     ),
     "convert": Command(
         "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
         "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
         ("crossing convert five_bar --out copy", "crossing convert humanoid_ankle --out ankle"),
+        "robots",
     ),
     "locate": Command(
         "find the singular points on a path",
@@ -37,6 +47,10 @@ COMMANDS = {
             "crossing locate five_bar --scene C",
             "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
         ),
+        "locate",
+        "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
+        "which each deflection moves them along the path. How far the springs give, and so where the "
+        "deformed robot is singular, depends on the motion: crossing plan tells.",
     ),
     "map": Command(
         "quantities over the workspace on one working mode, with the singular locus on top",
@@ -44,10 +58,14 @@ COMMANDS = {
             "crossing map five_bar --size 50",
             "crossing map five_bar --scene C --quantity g torque --out map",
         ),
+        "workspace_map",
+        "Poses are reached from the reference by continuation, so the map never leaves its working mode; "
+        "what is not reached has no value and a reason.",
     ),
     "pose": Command(
         "all joints of a pose, from its motors or from its platform, in the modes of the reference",
         ("crossing pose five_bar --motors 1.2 1.9", "crossing pose five_bar --platform 0.1 0.3 --all"),
+        "pose",
     ),
     "plan": Command(
         "plan a motion through the singular points, with torques and proof",
@@ -55,6 +73,7 @@ COMMANDS = {
             "crossing plan five_bar --scene C --out move",
             "crossing plan five_bar --scene C --optimize time --torque-limit 0.165",
         ),
+        "plan",
     ),
     "capacity": Command(
         "the largest multiple of a wrench that is crossed within the limits",
@@ -62,6 +81,10 @@ COMMANDS = {
             "crossing capacity five_bar --scene C --torque-limit 0.2 --wrench 0 -1",
             "crossing capacity five_bar --scene C --wrench 5 0 --torque-limit 0.2",
         ),
+        "fidelity",
+        "By bisection over plans, from one within all limits to one that is refused; what binds is why that "
+        "is, and from where it is proved that no law is left. Without --duration each plan is the quickest "
+        "within the limits.",
     ),
     "fidelity": Command(
         "the least model that is enough for a motion, with its evidence",
@@ -69,10 +92,16 @@ COMMANDS = {
             "crossing fidelity five_bar --scene C --tolerance 1%",
             "crossing fidelity five_bar --scene A --out fidelity_A",
         ),
+        "fidelity",
+        "All levels of fidelity, from kinematics to the inertia of the elastic motion, make one motion. The "
+        "torques of each drive the full elastic simulation, without feedback unless the robot falls. Enough "
+        "is what keeps platform (of the path's length) and torques (of the fullest level's peak) within the "
+        "tolerance. Put the printed line into the scene, and `crossing plan --flexibility auto` uses it.",
     ),
     "simulate": Command(
         "drive the robot with the planned torques: tracking error, drift, energy",
         ("crossing simulate move", "crossing simulate five_bar --scene A --sensors --out run"),
+        "simulate",
     ),
     "robustness": Command(
         "drive a planned crossing with a controller on many robots that differ from their model",
@@ -80,14 +109,17 @@ COMMANDS = {
             "crossing robustness five_bar --scene C --smoothness 4 --runs 20 --out study",
             "crossing robustness study --replay 17",
         ),
+        "robustness",
     ),
     "show": Command(
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
         ("crossing show five_bar --scene A B C", "crossing show move --html crossing.html"),
+        "show",
     ),
     "report": Command(
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
         ("crossing report move", "crossing report move --html report.html"),
+        "show",
     ),
     "export": Command(
         "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson",
@@ -95,6 +127,7 @@ COMMANDS = {
             "crossing export five_bar --to mjcf --out five_bar.xml",
             "crossing export move --to ros2_control --out trajectory.yaml",
         ),
+        "export",
     ),
     "calibrate": Command(
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
@@ -102,6 +135,8 @@ COMMANDS = {
             "crossing calibrate five_bar run/sensors.csv",
             "crossing calibrate five_bar run/sensors.csv --out calibrated",
         ),
+        "identification",
+        "What the data cannot see is named, with a measurement that would show it, and stays as in the file.",
     ),
     "identify": Command(
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
@@ -110,9 +145,12 @@ COMMANDS = {
             "crossing identify five_bar run/sensors.csv",
             "crossing identify calibrated/five_bar.yaml run/sensors.csv --out twin",
         ),
+        "identification",
+        "Named are the combinations that torques depend on, see base parameters in the literature; what they "
+        "do not show stays as near to the robot file as bodies that can exist allow.",
     ),
 }
-MODULES = {"map": "workspace_map"}  # modules whose names are not the command's
+VALUE_COUNTS = {None: 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # largest number of values by `nargs`
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -194,7 +232,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones with a hint."""
-        parsed, unknown = super().parse_known_args(_move_last(args, "--set"), namespace)
+        parsed, unknown = super().parse_known_args(_move_parameters_last(args), namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
@@ -244,14 +282,14 @@ class OneLineParser(argparse.ArgumentParser):
         raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
 
 
-def _move_last(words: Sequence[str], flag: str) -> list[str]:
-    """Move an option with its values NAME=VALUE to the end of a command line."""
+def _move_parameters_last(words: Sequence[str]) -> list[str]:
+    """Move --set with its values NAME=VALUE to the end of a command line."""
     others: list[str] = []
     moved: list[str] = []
     takes_values = False
     for word in words:
-        is_value = takes_values and ("=" in word or moved[-1] == flag) and not word.startswith("--")
-        takes_values = word == flag or is_value
+        is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
+        takes_values = word == "--set" or is_value
         (moved if takes_values else others).append(word)
     return [*others, *moved]
 
@@ -310,11 +348,92 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
     commands = parser.add_subparsers(
         title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
     )
-    first = arguments[0] if arguments else ""
-    if first in COMMANDS:
-        import_module(f"framework.cli.{MODULES.get(first, first)}").add(commands)
+    name = arguments[0] if arguments else ""
+    if name in COMMANDS:
+        _add_command(commands, name)
         return parser
     _check_first(arguments)
     for name, command in COMMANDS.items():
         commands.add_parser(name, help=command.text)
     return parser
+
+
+def _add_command(commands: Any, name: str) -> None:
+    """Add the parser of a command; its module declares the options and runs the command.
+
+    `commands` are the subparsers of argparse.
+    """
+    command = COMMANDS[name]
+    description = f"{command.text}. {command.details}".removesuffix(". ")
+    parser = commands.add_parser(name, help=command.text, description=description, examples=command.examples)
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+    module = import_module(f"framework.cli.{command.module}")
+    parser.set_defaults(run=getattr(module, f"run_{name}"))
+    getattr(module, f"add_{name}_options")(parser)
+
+
+# ------------------------------------------------------------------ advice
+
+
+def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
+    """Return the command line to try instead of `arguments`; None without a remedy."""
+    if isinstance(error, Misuse):
+        return error.instead if error.mend is None else _mend_words(error.mend, arguments)
+    remedy: Mapping[str, Any] | None = getattr(error, "remedy", None)
+    if not remedy or not arguments or arguments[0] not in COMMANDS:
+        return None
+    words = typed = [word for word in arguments if word != "--json"]
+    options = parser_of(typed).option_actions
+    for name, value in remedy.items():
+        flag = f"--{name.replace('_', '-')}"
+        if flag not in options:
+            return None
+        words = _remove_option(words, options[flag])
+        if value is not None and value is not False:
+            words += [flag, *_typed_words(value)]
+    return None if sorted(words) == sorted(typed) else shlex.join(["crossing", *words])
+
+
+def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
+    """Replace the words, or values behind an option's `=`, that `mend` corrects."""
+    words = ["crossing"]
+    for word in arguments:
+        flag, _, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        meant = mend(value)
+        if meant is not None:
+            words += [flag, *meant] if flag else meant
+        elif word != "--json":
+            words.append(word)
+    return shlex.join(words)
+
+
+def _remove_option(words: Sequence[str], option: argparse.Action) -> list[str]:
+    """Remove an option and its values from the words of a command line."""
+    count = option.nargs
+    most = count if isinstance(count, int) else VALUE_COUNTS.get(count, 0.0)
+    rest: list[str] = []
+    values = 0.0  # number of values of the option that may still follow
+    for word in words:
+        flag, equals, _ = word.partition("=")
+        if flag in option.option_strings:
+            values = 0.0 if equals else most
+        elif values and not word.startswith("--"):
+            values -= 1
+        else:
+            values = 0.0
+            rest.append(word)
+    return rest
+
+
+def _typed_words(value: Any) -> list[str]:
+    """Return the value of an option as words of a command line; none for True."""
+    if value is True:
+        return []
+    if isinstance(value, Mapping):
+        distinct = set(value.values())
+        if len(distinct) == 1:
+            return _typed_words(distinct.pop())
+        return [f"{key}={part:.6g}" for key, part in value.items()]
+    if isinstance(value, list | tuple):
+        return [word for part in value for word in _typed_words(part)]
+    return [value if isinstance(value, str) else f"{value:.6g}"]

@@ -1,7 +1,7 @@
-"""Print the output of commands: reports on stdout, complaints in one line on stderr, progress meanwhile.
+"""Run a command: its report on stdout, complaints in one line on stderr, progress meanwhile, the exit code.
 
-Texts may contain names from untrusted files and command lines, with control characters, line breaks or
-thousands of letters.
+A complaint ends with the command line to try instead, where the error has a remedy. Texts may contain names
+from untrusted files and command lines, with control characters, line breaks or thousands of letters.
 
 A report is text. A label ends with two blanks or more; continuation lines are indented below the text behind
 the label. Consecutive lines with tabs are a table, with its head first. In a terminal, lines are broken
@@ -17,6 +17,7 @@ and pipes get the answer alone.
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import os
 import re
@@ -25,12 +26,19 @@ import sys
 import textwrap
 import threading
 import time
+import traceback
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TextIO
 
-from framework.errors import OutputError
-from framework.numerics.interruption import defer_signals
+import numpy as np
+
+from framework.cli.commands import Misuse, advise
+from framework.errors import FrameworkError, NoAnswer, OutputError
+from framework.numerics.interruption import Heard, defer_signals
+from framework.numerics.output import Document, plain
 
 PROGRAM, TRY = "crossing: ", "try: "  # prefixes of a complaint, and of its advice
 MAX_MESSAGE_LENGTH = 1000  # [characters]
@@ -47,6 +55,8 @@ NUMBER = re.compile(r"[-+<>~]?\s?(\d|-?$)|-|inf|nan")
 LABEL = re.compile(r" *\S.*? {2,}(?=\S)")
 FIRST, INTERVAL = 1.0, 0.2  # [s] until the progress line appears, and between its changes
 ERASE = "\r\x1b[K"
+UNEXPECTED_EXIT_CODE = os.EX_SOFTWARE  # 70
+DEBUG_VARIABLE = "CROSSING_DEBUG"  # if this is set, an unexpected error shows its traceback
 
 
 def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
@@ -312,3 +322,92 @@ class Progress:
                 printed, wait = line, INTERVAL
             if printed:
                 print(ERASE, end="", file=sys.stderr, flush=True)
+
+
+# ------------------------------------------------------------------ one command
+
+
+def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
+    """Run the parsed command, print its report and return the exit code.
+
+    Raises:
+        FrameworkError: the command ends without a report.
+    """
+    options.warnings = []
+    options.refusal = options.written = None
+    # commands report values that are not finite
+    with np.errstate(all="ignore"), Progress("at work") as options.progress:
+        document, lines = options.run(options)
+    if options.written is not None:
+        lines.append(f"  written to        {options.written}")
+    if options.warnings:
+        document = {**document, "warnings": options.warnings}
+        lines += (f"  warning           {warning}" for warning in options.warnings)
+    heard.check()
+    if options.refusal is not None:
+        line, entry = describe_error(options.refusal, str(options.refusal), arguments)
+        document = {**document, "error": entry}
+    if options.json:
+        tell(json.dumps(plain(document), allow_nan=False))
+    else:
+        report("\n".join(lines))
+    if options.refusal is None:
+        return 0
+    complain(line)
+    return exit_code_of(options.refusal)
+
+
+def report_failure(error: Exception, heard: Heard, arguments: Sequence[str]) -> int:
+    """Report why a command ended without an answer and return the exit code."""
+    heard.check()  # an interrupted import may raise another error
+    if isinstance(error, FrameworkError | Misuse):
+        return report_refusal(error, str(error), exit_code_of(error), arguments)
+    if os.environ.get(DEBUG_VARIABLE):
+        raise error
+    return report_refusal(error, _describe_fault(error), UNEXPECTED_EXIT_CODE, arguments)
+
+
+def exit_code_of(error: Exception) -> int:
+    """Return 1 for a question without an answer, 2 for misuse or wrong input."""
+    return 1 if isinstance(error, NoAnswer) else 2
+
+
+def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
+    """Print the refusal on stderr, with --json also on stdout; return the exit code."""
+    line, entry = describe_error(error, message, arguments)
+    complain(line)
+    if "--json" in arguments:
+        tell(json.dumps({"error": entry}, allow_nan=False))
+    return code
+
+
+def _describe_fault(error: Exception) -> str:
+    """Return the sentence for a fault: the error, its place in this package, the remedy."""
+    package = Path(__file__).parents[1]
+    where = ""
+    for frame in traceback.extract_tb(error.__traceback__):  # the innermost frame comes last
+        file = Path(frame.filename)
+        if package in file.parents:
+            where = f" ({file.relative_to(package.parent).as_posix()}, line {frame.lineno})"
+    return (
+        f"unexpected {type(error).__name__}: {str(error)[:300] or 'no message'}{where}. This is a fault of "
+        f"the program: please report it with the command and the files that it reads "
+        f"({DEBUG_VARIABLE}=1 shows the traceback)"
+    )
+
+
+def describe_error(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
+    """Return the line about an error, with advice, and its entry for JSON, with numbers."""
+    instead = one_line(advise(error, arguments) or "")
+    if len(instead) > MAX_MESSAGE_LENGTH // 2:  # too long to be of use
+        instead = ""
+    advice = f"; {TRY}{instead}" if instead else ""
+    line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
+    document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}
+    if instead:
+        document["try"] = instead
+    for key in ("time", "s", "wrench", "joint", "residual", "platform", "nearest"):
+        value = plain(getattr(error, key, None))
+        if isinstance(value, float | str | list | dict):
+            document[key] = value
+    return line, document

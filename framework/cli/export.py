@@ -6,18 +6,17 @@ import json
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path as FilePath
-from typing import Any
 
 import yaml
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
     add_robot_or_plan,
     add_rows,
-    command,
     integer_between,
 )
 from framework.errors import InvalidInput, NoAnswer
@@ -57,9 +56,8 @@ FORMATS_OF = {  # formats that take an option; all formats take the others
 }
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "export", run)
+def add_export_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing export`."""
     add_robot_or_plan(parser)
     parser.add_argument(
         "--to",
@@ -97,7 +95,7 @@ def add(commands: Any) -> None:
     add_motion(parser)
 
 
-def run(options: Namespace) -> Report:
+def run_export(options: Namespace) -> Report:
     """Write the complete file, or none."""
     file = FilePath(options.out)
     _check_options(options, file)
@@ -124,10 +122,9 @@ def _check_options(options: Namespace, file: FilePath) -> None:
             f"--out: {program} is written to {' or '.join(suffixes)}, got {options.out!r}"
         ).advising({"out": str(file.with_suffix(suffixes[0]))})
     for key, formats in FORMATS_OF.items():
-        if program not in formats and getattr(options, key) not in (None, False):
-            raise InvalidInput(
-                f"{arguments.flag_of(key)}: of {', '.join(formats)} only, not of {program}; leave it out"
-            ).advising({key: None})
+        if program not in formats:
+            reason = f"of {', '.join(formats)} only, not of {program}; leave it out"
+            arguments.refuse_options(options, [key], reason)
 
 
 def _model_file(options: Namespace, file: FilePath) -> Export:

@@ -1,22 +1,30 @@
-"""`crossing fidelity`: the least model that is enough for a motion, with the evidence."""
+"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
-from framework.cli.writing import written_out
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import (
+    Report,
+    add_motion,
+    add_out,
+    add_path,
+    add_path_and_motion,
+    add_robot,
+)
+from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.fidelity.predicted_level import format_percent
 from framework.model.fidelity_levels import LEVELS
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document, json_text
+from framework.numerics.output import Document, json_text, select_fields
 from framework.planning.options import LIMITS
+from framework.planning.plan_facts import torque_text
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # rounding in s of a law; error from which on > 1000 % is printed
@@ -35,16 +43,8 @@ TO_KEEP = "  to keep           fidelity: {{level: {level}, tolerance: {tolerance
 BY_LUCK = "  by luck           {} leaves out errors that cancel: {}, which model more, {} not enough"
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    details = (
-        "All levels of fidelity, from kinematics to the inertia of the elastic motion, make one motion. The "
-        "torques of each drive the full elastic simulation, without feedback unless the robot falls. Enough "
-        "is what keeps platform (of the path's length) and torques (of the fullest level's peak) within the "
-        "tolerance. Put the printed "
-        "line into the scene, and `crossing plan --flexibility auto` uses it."
-    )
-    parser = command(commands, "fidelity", run, details)
+def add_fidelity_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing fidelity`."""
     add_robot(parser)
     add_path(parser)
     parser.topic(LIMITS).add_argument(
@@ -57,9 +57,9 @@ def add(commands: Any) -> None:
     add_out(parser, "write fidelity.json and a figure of the errors there")
 
 
-def run(options: Namespace) -> Report:
+def run_fidelity(options: Namespace) -> Report:
     """Compare all levels; with --out write numbers and a figure."""
-    with written_out(options, STUDY_FILE) as folder:
+    with arguments.written_out(options, STUDY_FILE) as folder:
         study, document, lines = _report_study(options)
         if folder is not None:
             from framework.show.plots import save_figure
@@ -132,8 +132,9 @@ def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
         law = "same" if difference <= SAME_LAW else f"{difference:.1e}"
         if comparison.deflection is not None:
             deflection = "{} {:.2g}".format(*comparison.deflection)
-    errors = _format_percent(comparison.platform), law, deflection, _format_percent(indicators.error[name])
-    return "\t".join([f"  {name}", plan, torque, *errors, indicators.words[name]])
+    platform, predicted = map(_format_percent, (comparison.platform, indicators.error[name]))
+    cells = (f"  {name}", plan, torque, platform, law, deflection, predicted, indicators.words[name])
+    return "\t".join(cells)
 
 
 def _format_remarks(comparison: Comparison) -> list[str]:
@@ -155,3 +156,63 @@ def _largest_error(study: FidelityStudy, errors: Array) -> str:
     """State the largest error, and where on the path this is."""
     place = study.place(errors)
     return _format_percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")
+
+
+# ------------------------------------------------------------------ crossing capacity
+
+CAPACITY = """\
+{0.plan.robot.name}, {0.plan.robot.flexibility}: {0.multiple:.6g} times the wrench is planned, over \
+{0.plan.duration:.6g} s
+  peak torque       {1}"""
+REFUSED = "  {1:16s}  {0.refused:.6g} times: {0.refusal}"
+IMPOSSIBLE = "  no law, proved    with {0.impossible:.6g} times{1}"
+UNDECIDED = "  undecided         {0.undecided:.6g} times: {0.failure}"
+UNBOUND = "  binds             nothing refused up to {0.multiple:.6g} times"
+
+
+def add_capacity_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing capacity`."""
+    add_robot(parser)
+    add_path_and_motion(parser)
+
+
+def run_capacity(options: Namespace) -> Report:
+    """Report the largest planned multiple, and why a larger one is refused."""
+    robot = arguments.load(options)
+    path = arguments.path(options, robot)
+    request = capacity_request(robot, path, **arguments.options_with_wrenches(options, robot))
+    progress = options.progress.start("planning with multiples of the wrench", unit="plans")
+    capacity = largest_load_of(robot, request, progress=progress)
+    if capacity.multiple == 0.0:
+        options.refusal = capacity.refusal or capacity.failure
+    return _capacity_document(capacity), capacity_lines(capacity)
+
+
+def _capacity_document(capacity: Capacity) -> Document:
+    """Return the capacity for JSON, where infinite numbers become null."""
+    plan = capacity.plan
+    return {
+        "robot": plan.robot.name,
+        "flexibility": plan.robot.flexibility,
+        **select_fields(capacity, "multiple", "refused", "proved", "impossible", "undecided"),
+        "binds": capacity.refusal and str(capacity.refusal),
+        "failure": capacity.failure and str(capacity.failure),
+        "wrenches": plan.request.wrenches,
+        "duration": plan.duration,
+        "peak_torque": plan.peak_torque,
+    }
+
+
+def capacity_lines(capacity: Capacity) -> list[str]:
+    """Return the report on a capacity, in words."""
+    robot = capacity.plan.robot
+    lines = [CAPACITY.format(capacity, torque_text(robot, capacity.plan.peak_torque))]
+    if capacity.refusal is not None:
+        lines.append(REFUSED.format(capacity, "refused, proved" if capacity.proved else "refused"))
+    if np.isfinite(capacity.impossible):
+        lines.append(IMPOSSIBLE.format(capacity, "" if robot.is_damped else " and more"))
+    if capacity.failure is not None:
+        lines.append(UNDECIDED.format(capacity))
+    if not np.isfinite(capacity.end):
+        lines.append(UNBOUND.format(capacity))
+    return lines

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
     Report,
     add_flexibility,
@@ -15,7 +15,6 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     add_wrenches,
-    command,
 )
 from framework.numerics.output import Document, select_fields
 from framework.planning.feasibility import feasibility_at, optimal_durations
@@ -29,14 +28,8 @@ POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slop
 UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    details = (
-        "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
-        "which each deflection moves them along the path. How far the springs give, and so where the "
-        "deformed robot is singular, depends on the motion: crossing plan tells."
-    )
-    parser = command(commands, "locate", run, details)
+def add_locate_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing locate`."""
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser)
@@ -44,7 +37,7 @@ def add(commands: Any) -> None:
     add_wrenches(parser)
 
 
-def run(options: Namespace) -> Report:
+def run_locate(options: Namespace) -> Report:
     """Report the singular points and near misses in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from argparse import Namespace
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from framework.cli.commands import COMMANDS, OneLineParser
+from framework.cli.commands import OneLineParser
 from framework.model.description import FLEXIBILITIES
 from framework.numerics import MAX_WORKERS
 from framework.numerics.output import Document
 from framework.planning.options import MODEL, MOTION, TYPED
 
 Report = tuple[Document, list[str]]  # for programs, and the lines for people
+MAX_LISTED = 20  # entries that a report for people lists; the document has all
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:
@@ -30,19 +30,6 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
         )
 
     return read
-
-
-def command(commands: Any, name: str, run: Callable[[Namespace], Report], details: str = "") -> Any:
-    """Add a command with --json, which `run` executes.
-
-    `details` follow the text of the list of commands in the command's own help.
-    """
-    text, examples = COMMANDS[name]
-    described = f"{text}. {details}" if details else text
-    parser = commands.add_parser(name, help=text, description=described, examples=examples)
-    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
-    parser.set_defaults(run=run)
-    return parser
 
 
 def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a robot file") -> None:
@@ -77,22 +64,16 @@ def add_out(parser: OneLineParser, text: str, *, required: bool = False) -> None
 def add_missing_fields(parser: OneLineParser) -> None:
     """Add options for fields that a file of a foreign dialect may lack."""
     group = parser.topic("what the file does not say, or says otherwise")
-    group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
-    group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")
-    group.add_argument("--motors", nargs="+", metavar="JOINT", help="joints with a motor")
-    group.add_argument(
-        "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
-    )
-    group.add_argument(
-        "--platform-joints", nargs="+", metavar="JOINT", help="joints whose positions are the platform's"
-    )
-    group.add_argument(
-        "--lock",
-        nargs="+",
-        metavar="JOINT[=VALUE]",
-        help="hold joints, at the reference or at a value [rad, m]",
-    )
-    group.add_argument("--base", metavar="LINK", help="only what this link carries moves, such as one leg")
+    for flag, count, metavar, text in (
+        ("--platform", None, "FRAME", "frame of the platform"),
+        ("--axes", "+", "AXIS", "its axes, of x y z rx ry rz"),
+        ("--motors", "+", "JOINT", "joints with a motor"),
+        ("--reference", "+", "JOINT=VALUE", "near an assembled configuration [rad, m]"),
+        ("--platform-joints", "+", "JOINT", "joints whose positions are the platform's"),
+        ("--lock", "+", "JOINT[=VALUE]", "hold joints, at the reference or at a value [rad, m]"),
+        ("--base", None, "LINK", "only what this link carries moves, such as one leg"),
+    ):
+        group.add_argument(flag, nargs=count, metavar=metavar, help=text)
 
 
 def add_robot_or_plan(parser: OneLineParser) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
     Report,
     add_flexibility,
@@ -19,10 +20,8 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     add_rows,
-    command,
     integer_between,
 )
-from framework.cli.writing import written_out
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.kinematics.mistaken_units import remarks_on_bodies
@@ -30,7 +29,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
+from framework.planning.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MIN_SAMPLES, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
     ADVANCES,
@@ -39,7 +38,7 @@ from framework.planning.plan import (
     max_torque_ratio,
     plan_request,
 )
-from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_text
+from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
@@ -50,7 +49,6 @@ if TYPE_CHECKING:
 
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # value of --bend without a number
-MAX_SAMPLES = 1_000_000
 IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
@@ -61,9 +59,8 @@ RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "plan", run)
+def add_plan_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing plan`."""
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
@@ -80,7 +77,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples",
-        type=integer_between(2, MAX_SAMPLES),
+        type=integer_between(MIN_SAMPLES, MAX_SAMPLES),
         metavar="N",
         help=f"rows of motion.csv (default: {DEFAULT_ROWS})",
     )
@@ -92,7 +89,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: Namespace) -> Report:
+def run_plan(options: Namespace) -> Report:
     """Plan; with --out write plan.json, motion.csv and figures, all or none."""
     level = arguments.take_level(options)
     robot = arguments.load(options)
@@ -101,11 +98,11 @@ def run(options: Namespace) -> Report:
     _check_options(options, level)
     arguments.check_columns(options, robot)
     if options.raw:
-        with written_out(options, "raw.json") as folder:
+        with arguments.written_out(options, "raw.json") as folder:
             return report_raw(options, robot, request, folder)
     out = None if options.out is None else FilePath(options.out)
     replaced = "" if out is None else _describe_replaced(out)
-    with written_out(options, FILE, OF_A_PLAN) as folder:
+    with arguments.written_out(options, FILE, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
         document = plan_document(plan, out) | entries
         if folder is not None:
@@ -202,9 +199,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
-        motor = best.reference.argmax()
-        peak = bound.value * best.reference[motor]
-        least = f"has a peak below {peak:.4g} {plan.robot.torque_units[motor]}"
+        peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
+        least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
     return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more")]
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from framework.atlas.nearest_pose import nearest_pose
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
     Report,
     add_flexibility,
@@ -18,10 +17,9 @@ from framework.cli.parser import (
     add_options,
     add_robot,
     add_wrenches,
-    command,
 )
 from framework.dynamics.platform_limits import platform_limits
-from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
+from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
@@ -30,7 +28,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, select_fields
-from framework.planning.plan_facts import excess_facts
+from framework.planning.plan_facts import excess_facts, join_facts, torque_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify
@@ -51,9 +49,8 @@ WORST = (
 )
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "pose", run)
+def add_pose_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing pose`."""
     add_robot(parser)
     group = parser.topic("which pose")
     add_number(
@@ -86,7 +83,7 @@ def add(commands: Any) -> None:
     add_options(parser, "torque_limit", "speed_limit")
 
 
-def run(options: Namespace) -> Report:
+def run_pose(options: Namespace) -> Report:
     """Report the pose of motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
@@ -106,32 +103,35 @@ def run(options: Namespace) -> Report:
 
 def _report_pose(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     """Report the pose q (nq,): coordinates, modes, singularity, limits and loads."""
-    pose, classification = describe_pose(robot, q), classify(robot, q)
-    limits, instant = _compute_limits(robot, q, options), _compute_loads(robot, q, options)
+    pose = describe_pose(robot, q)
     document = asdict(pose)
     by_name = ("platform", "motor_joints", "motor_angles", "joints")
     words = {key: _format_values(document[key]) for key in by_name}
-    lines = [HEAD.format_map(document | words), f"  singularity       {classification.sentence}"]
+    lines = [HEAD.format_map(document | words)]
+    singularity, limits = _report_singularity(robot, q), _report_limits(robot, q, options)
+    for facts, sentences in (singularity, limits, _report_loads(robot, q, options)):
+        document |= facts
+        lines += sentences
+    lines.append(f"  closures          closed to {pose.closure_error:.1e} m or rad")
+    lines += [fact.line for fact in excess_facts(pose.exceeded)]
+    if pose.exceeded and options.point is not None:
+        _, sentence, document["nearest"] = _find_nearest(robot, options.point)
+        lines.append(f"  within ranges     {sentence}")
+    return document, lines
+
+
+def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
+    """Report the singularity class of a pose, and how far the pose is from singularities."""
+    classification = classify(robot, q)
+    lines = [f"  singularity       {classification.sentence}"]
     for twist in classification.twists:
         components = dict(zip(robot.axis_names, twist, strict=True))
         lines.append(f"  t_s               {_format_values(components, 6)}")
     lines.append(DISTANCES.format(classification, _format_angles(robot, classification)))
-    lines += _worst_torques(robot, classification)
-    lines += _limits_in_words(robot, limits)
-    lines += _loads_in_words(robot, instant)
-    lines.append(f"  closures          closed to {pose.closure_error:.1e} m or rad")
-    lines += [fact.line for fact in excess_facts(pose.exceeded)]
-    document["singularity"] = _singularity_document(classification)
-    document["limits"] = _limits_document(limits)
-    if pose.exceeded and options.point is not None:
-        _, sentence, document["nearest"] = _find_nearest(robot, options.point)
-        lines.append(f"  within ranges     {sentence}")
-    if instant is not None:
-        document["dynamics"] = {
-            "torque": dict(zip(robot.actuator_names, instant.torque, strict=True)),
-            **select_fields(instant, "loop_forces", "reactions", "indeterminate"),
-        }
-    return document, lines
+    if not np.isnan(classification.torque_norm):  # NaN for a platform that only turns
+        units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
+        lines.append(WORST.format(classification, units))
+    return {"singularity": _singularity_document(classification)}, lines
 
 
 def _singularity_document(classification: Classification) -> Document:
@@ -180,63 +180,48 @@ def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str,
     return nearest.q, sentence, document
 
 
-def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mapping[str, Any]:
-    """Compute the platform's limits by name; none at a Type 1 singularity."""
+def _report_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
+    """Report the platform's limits; empty at a Type 1 singularity, or if no motor has a limit."""
     try:
-        return platform_limits(robot, q, **arguments.typed_options(options)).polytopes
+        limits = platform_limits(robot, q, **arguments.typed_options(options)).polytopes
     except NotAssembled:
-        return {}
-
-
-def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Any]) -> list[str]:
-    """Return lines on the platform's limits; none if no motor has a limit."""
-    if not limits:
-        return []
+        return {"limits": {}}, []
+    document: Document = {}
     lines = []
     units = [("N", "m/s") if moves else ("N m", "rad/s") for moves in robot.translations]
     alone = ", each alone" if robot.n > 1 else ""
     for k, (name, polytope) in enumerate(limits.items()):
-        rows = zip(robot.axis_names, polytope.axis_ranges(), units, strict=True)
-        ranges = [f"{axis} {low:.4g} .. {high:.4g} {unit[k]}" for axis, (low, high), unit in rows]
-        lines.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
-    return [*lines, f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held"]
+        ranges = polytope.axis_ranges()
+        document[name] = {"alone": ranges, "bounds": polytope.bounds()}
+        document[name] |= select_fields(polytope, "vertices", "normals", "offsets")
+        words = [
+            f"{axis} {low:.4g} .. {high:.4g} {unit[k]}"
+            for axis, (low, high), unit in zip(robot.axis_names, ranges, units, strict=True)
+        ]
+        lines.append(f"  {name + ' limits':<17} {', '.join(words)}{alone}")
+    if lines:
+        lines.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
+    return {"limits": document}, lines
 
 
-def _limits_document(limits: Mapping[str, Any]) -> Document:
-    """Return ranges and polytopes on the platform's coordinates, for JSON."""
-    return {
-        name: {
-            "alone": polytope.axis_ranges(),
-            "bounds": polytope.bounds(),
-            **select_fields(polytope, "vertices", "normals", "offsets"),
-        }
-        for name, polytope in limits.items()
-    }
+def _report_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
+    """Report the forces of motors, loops and joints.
 
-
-def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
-    """Compute the forces of motors, loops and joints.
-
-    None without a velocity, an acceleration or a wrench among the options.
+    Empty without a velocity, an acceleration or a wrench among the options.
     """
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
-        return None
-    return dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
-
-
-def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
-    """Return lines on the forces of motors, loops and joints."""
-    if instant is None:
-        return []
-    torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
-    values = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
-    lines = [f"  motor torque      {values} (motor side)"]
-    for label, wrenches in (("loop", instant.loop_forces), ("joint", instant.reactions)):
-        lines += [f"  {label:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in wrenches.items()]
+        return {}, []
+    instant = dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
+    torques = torque_facts(robot, instant.torque.round(12) + 0.0, 9)
+    lines = [f"  motor torque      {join_facts(torques)} (motor side)"]
+    for label, forces in (("loop", instant.loop_forces), ("joint", instant.reactions)):
+        lines += [f"  {label:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in forces.items()]
     if instant.indeterminate:
         lines.append(f"  indeterminate     {', '.join(instant.indeterminate)}")
-    return lines
+    document = select_fields(instant, "loop_forces", "reactions", "indeterminate")
+    document["torque"] = dict(zip(robot.actuator_names, instant.torque, strict=True))
+    return {"dynamics": document}, lines
 
 
 def _wrench_in_words(wrench: Array) -> str:
@@ -304,14 +289,6 @@ def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
         return ""
     named = dict(zip(robot.actuator_names, angles, strict=True))
     return f", transmission {_format_values(named, 4)} degrees"
-
-
-def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
-    """Return the line on the worst torques per newton; none if the platform only turns."""
-    if np.isnan(classification.torque_norm):
-        return []
-    units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
-    return [WORST.format(classification, units)]
 
 
 def _format_values(values: dict[str, float], digits: int = 9) -> str:

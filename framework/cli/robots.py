@@ -1,30 +1,45 @@
-"""`crossing robots`: list the catalogue, with facts about each robot."""
+"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots."""
 
 from __future__ import annotations
 
 from argparse import Namespace
+from collections import defaultdict
+from dataclasses import asdict
 from pathlib import Path as FilePath
-from typing import Any
+
+import numpy as np
 
 from framework.catalogue import catalogue
-from framework.cli.parser import Report, command, not_empty
-from framework.errors import MissingPackage
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework.cli import arguments
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_missing_fields,
+    add_out,
+    add_robot,
+    not_empty,
+)
+from framework.errors import FrameworkError, InvalidInput, MissingPackage, NotAssembled, point
+from framework.kinematics.diagnostics.diagnosis import Diagnosis, check_robot, reference_in_words
+from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import ParsedRobot
+from framework.model.readers.recognise import DIALECTS
+from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.output import Document, select_fields, write_file
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "robots", run)
+def add_robots_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing robots`."""
     parser.add_argument(
         "--picture", type=not_empty, metavar="FILE", help="draw them all into one picture (.png, .svg, .pdf)"
     )
 
 
-def run(options: Namespace) -> Report:
+def run_robots(options: Namespace) -> Report:
     """List the catalogue, one row for each robot."""
     rows: list[Document] = []
     robots: list[ParallelRobot] = []
@@ -65,3 +80,120 @@ def _count_parts(robot: ParallelRobot) -> Document:
         "springs": len(description.springs),
         "scenes": list(description.scenes),
     }
+
+
+# ------------------------------------------------------------------ crossing check
+
+LISTS = ("platform_axes", "actuators", "passive_joints", "idle_joints", "springs", "massless_joints")
+REPORT = """\
+{robot}, {flexibility}
+  platform          {platform_axes} at {place}
+  actuated joints   {actuators}
+  passive joints    {passive_joints}
+  idle joints       {idle_joints}
+  springs           {springs}
+  mobility          {mobility}{idle}; A is {shape}
+  closures          {rank} of {loop_equations} loop equations independent{redundant}; closed to \
+{closure_error:.1e}
+  mass              {mass:g} kg; without mass of their own: {massless_joints}
+  reference         {{{angles}}}
+  mode              working {working_mode:+d} (changes at Type 1), assembly {assembly_mode:+d} (changes at \
+Type 2); smallest singular value of the passive joints' loop equations {smallest}"""
+
+
+def add_check_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing check`."""
+    add_robot(parser, "catalogue name, or path of a robot file or of a file of a foreign dialect")
+    add_missing_fields(parser)
+    add_flexibility(parser)
+
+
+def run_check(options: Namespace) -> Report:
+    """Examine a robot; report its mobility, masses, reference pose and advice."""
+    mechanism = arguments.load_mechanism(options)
+    diagnosis = check_robot(mechanism)
+    options.refusal = _find_refusal(diagnosis, reference_in_words(mechanism))
+    facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
+    idle, redundant = len(diagnosis.idle_joints), ", ".join(diagnosis.redundant_rows)
+    angles = [f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()]
+    words = {key: ", ".join(facts[key]) or "none" for key in LISTS} | {
+        "place": point(diagnosis.platform),
+        "idle": f", {idle} of them idle" if idle else "",
+        "shape": "square" if diagnosis.square else "NOT square",
+        "redundant": f"; redundant: {redundant}" if redundant else "",
+        "angles": ", ".join(angles),
+        "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
+    }
+    notes = [f"  note              {advice}" for advice in diagnosis.advice]
+    return facts, [REPORT.format_map(facts | words), *notes]
+
+
+def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
+    """Return the reason why other commands refuse the robot, or None.
+
+    `reference` states the reference in words.
+    """
+    if not diagnosis.assembled:
+        instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
+        return NotAssembled(
+            f"{diagnosis.robot}: the loops do not close near {reference}; they do at the pose that is "
+            f"printed as reference{instead}",
+            q=np.array(list(diagnosis.reference.values())),
+            residual=diagnosis.gap_at_reference,
+        ).advising({"reference": diagnosis.reference} if diagnosis.square else None)
+    if diagnosis.square:
+        return None
+    return InvalidInput(
+        f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "
+        f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} degrees "
+        f"of freedom; the notes say what other commands need"
+    )
+
+
+# ------------------------------------------------------------------ crossing convert
+
+
+def add_convert_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing convert`."""
+    add_robot(parser, "path of a file of a foreign dialect, or catalogue name")
+    add_out(parser, "write NAME.yaml and NAME.urdf there", required=True)
+    add_missing_fields(parser)
+
+
+def run_convert(options: Namespace) -> Report:
+    """Write NAME.yaml and NAME.urdf into --out."""
+    parsed = arguments.parse_file(options, propose=propose)
+    description = parsed.description
+    remarks, friction = list(parsed.remarks), _dry_friction(parsed)
+    if friction:
+        remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
+    written = write_robot_file(description, options.out, comments=remarks)
+    if description.left_out:
+        remarks.append(f"left out: {'; '.join(description.left_out)}")
+    document = {
+        "robot": description.name,
+        "dialect": parsed.dialect,
+        "file": str(written),
+        "urdf": str(written.with_suffix(".urdf")),
+        "remarks": parsed.remarks,
+        "left_out": description.left_out,
+    }
+    loops = [closure.name for closure in description.closures]
+    loops += [coupling.name for coupling in description.couplings]
+    lines = [
+        f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
+        *(f"  {remark}" for remark in remarks),
+        f"  written to        {written}",
+        f"  next              crossing check {written}",
+    ]
+    return document, lines
+
+
+def _dry_friction(parsed: ParsedRobot) -> str:
+    """State the dry friction of joints without a motor, by size."""
+    slides = {joint.get("name") for joint in parsed.urdf.findall("./joint[@type='prismatic']")}
+    joints = defaultdict[str, list[str]](list)  # by size and unit
+    for name, dynamics in parsed.description.joints.items():
+        if dynamics.friction and name not in parsed.description.motor_joints:  # plans count that of motors
+            joints[f"{dynamics.friction:g} {'N' if name in slides else 'N m'}"].append(name)
+    return "; ".join(f"{', '.join(names)} {size} each" for size, names in joints.items())

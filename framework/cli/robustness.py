@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.arguments import flag_of
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -20,15 +18,19 @@ from framework.cli.parser import (
     add_out,
     add_path_and_motion,
     add_robot_or_plan,
-    command,
     integer_between,
 )
-from framework.cli.writing import written_stepwise
-from framework.control.closed_loop import SENSORS, ControlLoop, Run
+from framework.control.closed_loop import SENSORS, ControlLoop, Run, Spread
 from framework.control.controllers import CONTROLLERS
-from framework.control.study import Study, run_store, run_study
-from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
-from framework.control.variation import Spread
+from framework.control.study import (
+    FILE,
+    Study,
+    StudySetup,
+    library_versions,
+    load_study,
+    run_store,
+    run_study,
+)
 from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
@@ -62,9 +64,8 @@ MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 MAX_RUNS = 1_000_000
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "robustness", run)
+def add_robustness_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing robustness`."""
     add_robot_or_plan(parser)
     add_path_and_motion(parser, without="friction")  # --friction is one of the differences of the robots
     group = parser.topic("the study")
@@ -107,11 +108,7 @@ def add(commands: Any) -> None:
             dest=f"spread_{name}",
             default=default,
         )
-    _add_loop(parser.topic("the control loop"))
-
-
-def _add_loop(loop: argparse._ArgumentGroup) -> None:
-    """Add the options of the control loop: period, sensors, limits and tolerance."""
+    loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
         "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
@@ -132,7 +129,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: Namespace) -> Report:
+def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
@@ -148,7 +145,7 @@ def run(options: Namespace) -> Report:
         return sum(len(arrays["passed"]) for arrays in kept)
 
     unit = f"of {options.runs * len(stores)} runs"
-    with written_stepwise(options, FILE, count_runs, unit) as folder:
+    with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _run_studies(options, setup, stores)
         document = _make_document(setup, studies, out)
         if folder is not None:
@@ -297,10 +294,8 @@ def replay_run(options: Namespace) -> Report:
     Raises:
         InvalidInput: an option that the study determines; no such study, controller or run.
     """
-    defaults = vars(options.parser.parse_args([options.robot]))
-    for key, default in defaults.items():
-        if key not in OF_A_REPLAY and getattr(options, key) != default:
-            raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
+    changed = _changed_options(options)
+    arguments.refuse_options(options, changed, f"the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
@@ -308,7 +303,7 @@ def replay_run(options: Namespace) -> Report:
     number = options.replay
     if number >= stated["runs"]:
         raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
-    run, seed = setup.run(name, number, record=True), [setup.seed, number]
+    run, seed = setup.run(name, number), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
     repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
     document = {
@@ -322,6 +317,13 @@ def replay_run(options: Namespace) -> Report:
         "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
+
+
+def _changed_options(options: Namespace) -> list[str]:
+    """Return the options that differ from their defaults; options of a replay may do so."""
+    defaults = vars(options.parser.parse_args([options.robot]))
+    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
+    return [key for key in changed if key not in OF_A_REPLAY]
 
 
 def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:

@@ -1,4 +1,4 @@
-"""`crossing show`: motions, or a robot to move by hand, in the browser or in one standalone file."""
+"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan."""
 
 from __future__ import annotations
 
@@ -6,23 +6,29 @@ import threading
 import webbrowser
 from argparse import Namespace
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.console import tell
-from framework.cli.parser import Report, add_path_and_motion, add_robot_or_plan, command, not_empty
-from framework.cli.writing import write_page
+from framework.cli.parser import (
+    Report,
+    add_moved_robot,
+    add_path_and_motion,
+    add_robot_or_plan,
+    not_empty,
+)
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.planning.options import TYPED
+from framework.planning.saved import load_plan
 
 if TYPE_CHECKING:
     from framework.show.film import Film
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "show", run)
+def add_show_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing show`."""
     add_robot_or_plan(parser)
     add_path_and_motion(parser, several=True)
     parser.add_argument(
@@ -40,7 +46,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
-def run(options: Namespace) -> Report:
+def run_show(options: Namespace) -> Report:
     """Write a page or picture to a file, or serve the page until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
@@ -71,7 +77,7 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     """
     from framework.show.captions import describe_flexibility, display_name
 
-    document, (written,) = write_page(FilePath(file), page)
+    document, (written,) = arguments.write_page(FilePath(file), page)
     entries, scenes = [], []
     for film in films:
         entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
@@ -90,10 +96,8 @@ def _make_films(options: Namespace) -> list[Film]:
     if saved is not None:
         return [film_plan(saved, name=describe_saved_plan(saved, FilePath(options.robot).resolve().name))]
     if not any((options.scenes, options.start, options.end, options.via)):
-        for name in (*TYPED, *arguments.WRENCH_OPTIONS):
-            if getattr(options, name, None) is not None:
-                flag = arguments.flag_of(name)
-                raise InvalidInput(f"{flag}: needs a motion; give --scene, or --from and --to")
+        of_a_motion = (*TYPED, *arguments.WRENCH_OPTIONS)
+        arguments.refuse_options(options, of_a_motion, "needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
     return [_film_scene(options, robot, name) for name in options.scenes or [None]]
@@ -129,8 +133,7 @@ def _film_first_crossing(options: Namespace) -> Film:
 
 def _serve_page(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
     """Serve a page on this machine until interrupted, and open the browser."""
-    from framework.show.jogging import move_by_hand
-    from framework.show.server import PageServer
+    from framework.show.jogging import PageServer, move_by_hand
 
     server = PageServer(page, None if robot is None else lambda message: move_by_hand(robot, message))
     options.progress.end()
@@ -140,3 +143,27 @@ def _serve_page(options: Namespace, page: str, robot: ParallelRobot | None) -> R
         threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
     server.serve_until_interrupted()
     return {"address": server.address, "ended": True}, ["ended"]
+
+
+# ------------------------------------------------------------------ crossing report
+
+
+def add_report_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing report`."""
+    parser.add_argument("folder", metavar="DIR", help="folder of `crossing plan --out`")
+    add_moved_robot(parser)
+    parser.add_argument(
+        "--html", type=not_empty, metavar="FILE", help="where to write it (default: DIR/report.html)"
+    )
+
+
+def run_report(options: Namespace) -> Report:
+    """Read a plan, prove its torques again, and write the page."""
+    from framework.show.captions import describe_saved_plan
+    from framework.show.report import report_page
+
+    options.progress.start("proving the plan anew, and drawing the page")
+    folder = FilePath(options.folder)
+    plan = load_plan(folder, robot_file=options.robot_file)
+    page = report_page(plan, name=describe_saved_plan(plan, folder.resolve().name))
+    return arguments.write_page(FilePath(options.html or folder / "report.html"), page)

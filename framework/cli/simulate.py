@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path as FilePath
-from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan, command
-from framework.cli.writing import written_out
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import (
+    Report,
+    add_number,
+    add_out,
+    add_path_and_motion,
+    add_robot_or_plan,
+)
 from framework.errors import InvalidInput, NoAnswer
-from framework.identification.sensors import Sensors, make_sensors, record_sensors
+from framework.identification.recording import Sensors, make_sensors, record_sensors
 from framework.numerics.output import json_text, write_csv
 from framework.planning.result import CrossingPlan
 from framework.simulation import Simulation, simulate
@@ -34,9 +39,8 @@ DRIFT = """\
   energy            balances to {0.energy_error:.1e} of what is exchanged"""
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "simulate", run)
+def add_simulate_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing simulate`."""
     add_robot_or_plan(parser)
     add_path_and_motion(parser)
     group = parser.topic("the simulation")
@@ -59,7 +63,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write simulation.json and simulation.csv there")
 
 
-def run(options: Namespace) -> Report:
+def run_simulate(options: Namespace) -> Report:
     """Plan or read a plan, simulate its torques and report the tracking error."""
     sensors = _read_sensors(options)
     plan = arguments.load_or_plan(options)
@@ -73,7 +77,7 @@ def run(options: Namespace) -> Report:
         progress=options.progress.start("simulating", 1.0, "the motion"),
     )
     document = result.to_dict()
-    with written_out(options, "simulation.json") as folder:
+    with arguments.written_out(options, "simulation.json") as folder:
         if folder is not None:
             (folder / "simulation.json").write_text(json_text(document))
             _write_csv(result, plan, folder / "simulation.csv")

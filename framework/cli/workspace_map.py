@@ -5,7 +5,6 @@ With --study: a small map for each set of the parameters of a robot file.
 
 from __future__ import annotations
 
-import argparse
 from argparse import Namespace
 from pathlib import Path as FilePath
 
@@ -33,7 +32,9 @@ from framework.atlas.workspace_map import (
 )
 from framework.catalogue import robot_file
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
+    MAX_LISTED,
     Report,
     add_executor,
     add_flexibility,
@@ -41,10 +42,8 @@ from framework.cli.parser import (
     add_number,
     add_out,
     add_robot,
-    command,
     integer_between,
 )
-from framework.cli.writing import mapped_stepwise
 from framework.errors import InvalidInput, finite_numbers, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -55,7 +54,6 @@ from framework.planning.scenes import scene, scene_path
 
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
-MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = (
     "scene",
     "at",
@@ -69,22 +67,39 @@ NOT_FOR_STUDIES = (
     "base",
     "set",
 )
-MORE = (
-    "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
-    "not reached has no value and a reason."
-)
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "map", run, MORE)
+def add_map_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing map`."""
     add_robot(parser)
     group = parser.topic("what to map")
     group.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")
     group.add_argument(
         "--quantity", nargs="+", metavar="Q", help=f"of {', '.join(QUANTITIES)} (default: those that apply)"
     )
-    _add_window(group)
+    group.add_argument(
+        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
+    )
+    add_number(
+        group,
+        "--at",
+        "X",
+        "platform point about which the map lies [m, rad] (default: the reference)",
+        nargs="+",
+    )
+    add_number(
+        group,
+        "--window",
+        "X",
+        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
+        nargs=4,
+    )
+    group.add_argument(
+        "--size",
+        type=integer_between(2, MAX_EDGE_POSES),
+        metavar="N",
+        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
+    )
     parser.topic(LIMITS).add_argument(
         "--keep-limits",
         action="store_true",
@@ -126,34 +141,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     add_missing_fields(parser)
 
 
-def _add_window(group: argparse._ArgumentGroup) -> None:
-    """Add the options that choose the poses of the map."""
-    group.add_argument(
-        "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
-    )
-    add_number(
-        group,
-        "--at",
-        "X",
-        "platform point about which the map lies [m, rad] (default: the reference)",
-        nargs="+",
-    )
-    add_number(
-        group,
-        "--window",
-        "X",
-        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
-        nargs=4,
-    )
-    group.add_argument(
-        "--size",
-        type=integer_between(2, MAX_EDGE_POSES),
-        metavar="N",
-        help=f"poses along an edge (default: {EDGE_POSES}, of a study {STUDY_EDGE_POSES})",
-    )
-
-
-def run(options: Namespace) -> Report:
+def run_map(options: Namespace) -> Report:
     """Compute, report and write a map."""
     if options.study:
         return report_design_study(options)
@@ -171,7 +159,7 @@ def run(options: Namespace) -> Report:
         check_window(robot, window)
     margin = _find_margin(options, robot)
     setup = setup_document(robot, window, quantities)
-    with mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
         workspace = workspace_map(
             robot,
             window,
@@ -272,9 +260,8 @@ def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str
 
 def report_design_study(options: Namespace) -> Report:
     """Map each design of a study; write and report the results."""
-    for key in NOT_FOR_STUDIES:
-        if getattr(options, key) is not None:
-            raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
+    reason = "not for a study, whose robots have values of their own"
+    arguments.refuse_options(options, NOT_FOR_STUDIES, reason)
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
@@ -290,7 +277,7 @@ def report_design_study(options: Namespace) -> Report:
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
-    with mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:
@@ -315,8 +302,8 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
     lines += _study_table(study, with_reasons=refused > 0)
-    if count > MAX_PRINTED_DESIGNS:
-        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
+    if count > MAX_LISTED:
+        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
     return document, lines
 
 
@@ -329,4 +316,4 @@ def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
     if with_reasons:
         heads.append("why no robot")
         rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
-    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_PRINTED_DESIGNS]]]
+    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]

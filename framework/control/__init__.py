@@ -5,23 +5,26 @@
 
 Open `study` first (many runs), then `closed_loop` (the loop over sampling periods).
 
-* `controllers`: `tuned_controller` makes one of `CONTROLLERS` for a plan; other controllers follow the
-  protocol `Controller`;
-* `reference`: the plan at the sampling instants of the controller;
-* `variation`: random robots that differ from the model as `Spread` says;
-* `closed_loop`: `run_closed_loop` drives such robots, with friction and delay between controller and robot;
-* `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs;
-* `study_setup`: `load_study` reads a study that `crossing robustness --out` wrote;
+* `controllers`: the plan at the sampling instants, a `Reference`; `tuned_controller` makes one of
+  `CONTROLLERS` for it; other controllers follow the protocol `Controller`;
+* `closed_loop`: random robots that differ from the model as `Spread` says; `run_closed_loop` drives them,
+  with friction and delay between controller and robot;
+* `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs, `load_study`
+  reads a study that `crossing robustness --out` wrote;
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
-from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
+from framework.control.closed_loop import ControlLoop, Run, Spread, Variation, draw, run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import CONTROLLERS, Controller, Measurement, tuned_controller
-from framework.control.reference import Reference, reference_of
-from framework.control.study import Study, run_study
-from framework.control.study_setup import StudySetup, load_study
-from framework.control.variation import Spread, Variation, draw
+from framework.control.controllers import (
+    CONTROLLERS,
+    Controller,
+    Measurement,
+    Reference,
+    reference_of,
+    tuned_controller,
+)
+from framework.control.study import Study, StudySetup, load_study, run_study
 
 __all__ = [
     "CONTROLLERS",

@@ -1,30 +1,137 @@
 """A controller on robots that differ from its model, with sampling, delay, noise, saturation and friction.
 
-A monitor compares the platforms with the plan, ends diverged runs and decides which runs pass.
+`Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`. A monitor
+compares the platforms with the plan, ends diverged runs and decides which runs pass.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from framework.control.controllers import Controller, Measurement, RobotState
-from framework.control.reference import Reference
-from framework.control.variation import Spread, Variation, apply_variation, draw_noise
+from framework.control.controllers import Controller, Measurement, Reference, RobotState
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
-from framework.numerics.fields import positive
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
 from framework.simulation.equations import State
+
+# ------------------------------------------------------------------ how robots differ from the model
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The spread of each quantity about the model, zero by default.
+
+    The spread of a uniform distribution is its largest deviation, that of a normal distribution its standard
+    deviation.
+    """
+
+    payload: float = 0.0  # share of the platform body's inertia, uniform to both sides
+    stiffness: float = 0.0  # share of each spring's stiffness, uniform to both sides
+    places: float = 0.0  # [m] standard deviation of each coordinate of each joint's position
+    friction: float = 0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
+    delay: float = 0.0  # [s] from measurement to torque, uniform from 0, rounded to sampling periods
+    noise: float = 0.0  # [rad, robot lengths] standard deviation of each encoder
+    speed_noise: float = 0.0  # [rad/s, robot lengths/s] standard deviation of measured speeds
+
+    def __post_init__(self) -> None:
+        """Check that no deviation is negative, and that shares are below 1."""
+        for name, value in vars(self).items():
+            not_negative(name, value)
+        for name in ("payload", "stiffness"):
+            if getattr(self, name) >= 1:
+                raise InvalidInput(f"{name}: must be a share below 1, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """The differences of one robot from the model, reproducible by a seed."""
+
+    seed: tuple[int, int]  # seed of the study, number of the run
+    payload: float  # factor on the platform body's inertia
+    stiffness: Array  # (n_e,) factors
+    shifts: Array  # (joints, 3) [m] of the joints' positions
+    friction: Array  # (n_a,) Coulomb friction, share of the plan's peak torque
+    delay: float  # [s]
+
+
+def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
+    """Draw the variation of one robot, independent of all others.
+
+    `seed` is the seed of the study and the number of the run.
+    """
+    random = np.random.default_rng(seed)
+    # drawing in another order would give other results for the same seed
+    return Variation(
+        seed=seed,
+        payload=1 + spread.payload * random.uniform(-1, 1),
+        stiffness=1 + spread.stiffness * random.uniform(-1, 1, robot.n_e),
+        shifts=spread.places * random.standard_normal((robot.model.njoints - 1, 3)),
+        friction=spread.friction * random.uniform(0, 1, robot.n_a),
+        delay=spread.delay * random.uniform(0, 1),
+    )
+
+
+def draw_noise(
+    robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
+) -> Array | None:
+    """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without noise.
+
+    Positions are in rad or m, speeds in rad/s or m/s.
+
+    Args:
+        seeds: those of the R variations.
+        samples: number of sampling instants.
+    """
+    if not (spread.noise or spread.speed_noise):
+        return None
+    deviations = np.array([spread.noise, spread.speed_noise])[:, None]  # (2, 1)
+    shape = (samples, 2, robot.nv)
+    # the additional 1 in the seed makes the sequences independent of those of `draw`
+    runs = [np.random.default_rng((*seed, 1)).standard_normal(shape) for seed in seeds]
+    return np.stack(runs, axis=1) * deviations * robot.column_scale
+
+
+def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
+    """Return the robot with the inertia, joint positions and spring stiffness of a variation.
+
+    With shifted joints the loops close at another configuration. Only the independent loop equations are
+    used: redundant ones hold only for exact positions, and a real machine has clearance in its joints.
+
+    The payload factor applies to the inertia of the platform's link or, if that link has no inertia, to the
+    moving body that carries the platform's frame. The closed-loop simulation applies friction and delay.
+    """
+    model = robot.model.copy()
+    frame = model.frames[robot.frames[0]]  # the platform's frame
+    joint = frame.parentJoint
+    payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
+    parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
+    parameters += (variation.payload - 1) * payload.toDynamicParameters()
+    if parameters[0] > 0:  # the mass
+        model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
+    for k, shift in enumerate(variation.shifts, start=1):  # joint 0 is the world
+        model.jointPlacements[k].translation += shift
+    return replace(
+        robot,
+        model=model,
+        stiffness=robot.stiffness * variation.stiffness,
+        rows=robot.loops,  # the independent loop equations, now all that there are
+        structure=replace(robot.structure, independent=np.arange(len(robot.loops.names))),
+    )
+
+
+# ------------------------------------------------------------------ the closed loop
+
 
 SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
@@ -59,7 +166,7 @@ class Outcomes(ReadOnlyArrays):
     """The outcomes of R runs."""
 
     passed: BoolArray  # (R,) whether the platform kept the tolerances of the `ControlLoop`
-    why: tuple[str, ...]  # (R,) reasons of failures, empty for runs that passed
+    why: Names  # (R,) reasons of failures, empty for runs that passed
     tracking_error: Array  # (R,) largest distance of the platform from the plan [robot lengths, rad]
     end_error: Array  # (R,) the same at the end
     peak_torque: Array  # (R, n_a) [N m], motor side
@@ -71,7 +178,7 @@ class Run(Outcomes):
     """R runs that were driven together."""
 
     x: Array  # (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods
-    torque: Array | None = None  # (K, R, n_a) [N m], if recorded
+    torque: Array  # (periods, R, n_a) [N m] of the motors, until all runs have ended
 
 
 class RunMonitor:
@@ -83,7 +190,6 @@ class RunMonitor:
         is MAX_DEVIATION for runs that have ended early.
     peak: (R, n_a) largest motor torques [N m], motor side.
     positions: platform coordinates (R, n) of each check.
-    torques: motor torques (R, n_a) [N m] of each period, if recorded.
     """
 
     def __init__(self, count: int, robot: ParallelRobot) -> None:
@@ -94,12 +200,12 @@ class RunMonitor:
         self.worst = self.error = np.zeros(count)
         self.peak = np.zeros((count, robot.n_a))
         self.positions: list[Array] = []
-        self.torques: list[Array] = []
 
     def check(self, time: float, x: Array, planned: Array) -> None:
         """Compare platform coordinates x (R, n) with the plan (n,); end runs that deviate too far.
 
-        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite.
+        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite. `time` [s] is that of
+        the comparison.
         """
         deviations = np.abs((x - planned) / self.robot.platform_scale)
         self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
@@ -114,14 +220,15 @@ class RunMonitor:
         self.alive = self.alive & ~runs
         self.error = np.where(self.alive, self.error, MAX_DEVIATION)
 
-    def add_torque(self, torque: Array, *, record: bool) -> None:
-        """Update the peaks by torques (R, n_a) of one period; store the torques if `record`."""
+    def update_peaks(self, torque: Array) -> None:
+        """Update the peaks by the torques (R, n_a) of one period."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
-        if record:
-            self.torques.append(torque)
 
-    def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
-        """Judge the runs at their end; return their outcomes."""
+    def conclude(self, loop: ControlLoop, variations: Sequence[Variation], torque: Array) -> Run:
+        """Judge the runs by the tolerances of the control loop; return their outcomes.
+
+        `torque` (periods, R, n_a) [N m] are the motor torques of all periods.
+        """
         is_near_plan = self.worst <= loop.tolerance
         is_near_end = self.error <= loop.end
         for run in np.flatnonzero(self.alive & ~is_near_plan):
@@ -136,32 +243,8 @@ class RunMonitor:
             peak_torque=self.peak,
             payload=np.array([variation.payload for variation in variations]),
             x=np.array(self.positions),
-            torque=np.array(self.torques) if self.torques else None,
+            torque=torque,
         )
-
-
-class DelayLine(NamedTuple):
-    """A buffer that delays the torques of each run by that run's own number of periods."""
-
-    delays: IntArray  # (R,) [sampling periods]
-    past: deque[Array]  # torques (R, n_a) of the last periods
-
-    @staticmethod
-    def of(ref: Reference, variations: Sequence[Variation]) -> DelayLine:
-        """Make an empty buffer with the delays of R varied robots."""
-        periods = np.rint([variation.delay / ref.period for variation in variations])
-        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # at most the whole motion
-        return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
-
-    def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed torques (R, n_a).
-
-        Until its delay has passed, a run keeps its first commanded torques.
-        """
-        self.past.append(torque)
-        newest = len(self.past) - 1
-        ages = np.minimum(self.delays, newest)  # (R,) [sampling periods]
-        return np.array([self.past[newest - age][run] for run, age in enumerate(ages)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
@@ -185,8 +268,6 @@ def run_closed_loop(
     loop: ControlLoop,
     spread: Spread,
     variations: Sequence[Variation],
-    *,
-    record: bool = False,
     report_progress: Callable[[float], None] = lambda share: None,
 ) -> Run:
     """Drive R varied robots along the plan, from rest at its start.
@@ -195,7 +276,9 @@ def run_closed_loop(
     and delayed, and the robots move. Runs that diverge end early.
 
     Args:
-        record: whether the result contains the torques of all periods.
+        loop: torque limits, sensors and tolerances.
+        spread: standard deviations of the encoders' noise; all other differences are in `variations`.
+        variations: one for each of the R robots.
         report_progress: called with the finished share of the motion.
 
     Raises:
@@ -204,50 +287,62 @@ def run_closed_loop(
     ref = controller.reference
     limit = torque_limit(ref, loop)
     robots = _VariedRobots.of(ref, spread, variations)
-    last = len(ref.times) - 1
-    delay_line = DelayLine.of(ref, variations)
     monitor = RunMonitor(len(variations), ref.robot)
+    last = len(ref.times) - 1
+    commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
             monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
+
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
-        torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
-        monitor.add_torque(torque, record=record)
+        commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
+        # until its delay has passed, a run keeps its first command
+        torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
+        monitor.update_peaks(torques[k])
         if k == last or not monitor.alive.any():
             break
-        q, v = robots.step(k, q, v, torque)
+
+        q, v = robots.step(k, q, v, torques[k])
         monitor.end(ref.times[k + 1], _have_diverged(ref, q, v))
         # runs that have ended wait at their start, as NaN in one run would spoil the stacked solution of all
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return monitor.conclude(loop, variations)
+    return monitor.conclude(loop, variations, torques[: k + 1])
 
 
 def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return a mask (R,) of the runs with joints that are not finite or too fast."""
+    """Return a mask (R,) of the runs with joints that are not finite or too fast.
+
+    q (R, nq) and v (R, nv) are the configurations and the joint rates of the runs.
+    """
     is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale  # false for NaN
     is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
     return np.asarray(~is_valid)
 
 
 class _VariedRobots(NamedTuple):
-    """R varied robots with encoders, motor friction and external wrenches."""
+    """R varied robots with encoders, delays, motor friction and external wrenches."""
 
     reference: Reference
     stepper: Stepper
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
+    delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
     smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
     noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds
 
     @staticmethod
     def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
-        """Place the robots at rest at the start of the plan, loops closed."""
+        """Place the robots at rest at the start of the plan, loops closed.
+
+        Raises:
+            InvalidInput: the loops of a varied robot do not close.
+        """
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
@@ -259,12 +354,14 @@ class _VariedRobots(NamedTuple):
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
+        periods = np.rint([variation.delay / ref.period for variation in variations])
+        delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]
         noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
         shares = np.array([variation.friction for variation in variations])
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
+        return _VariedRobots(ref, stepper, start, world, delays, friction, smoothing_speed, noise)
 
     def platform_coordinates(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k, with angles near the planned ones.
@@ -277,21 +374,21 @@ class _VariedRobots(NamedTuple):
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Read the encoders at instant k, with their noise.
 
-        With encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
+        q (R, nq) and v (R, nv) are the configurations and joint rates, `sensors` is one of SENSORS. With
+        encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
         platform by dx/dq, the pseudo-inverse of the planned N = dq/dx.
         """
         ref = self.reference
         robot = ref.robot
-        noise = np.zeros_like(v)
-        rates = v
+        noise, rates = np.zeros_like(v), v
         if self.noise is not None:
             noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
             rates = v + rate_noise
-        n, motors = robot.gear_ratio, robot.actuated
-        angle = n * (robot.actuated_coordinates(q) + noise[:, motors])
-        speed = n * rates[:, motors]
+        angle = robot.gear_ratio * (robot.actuated_coordinates(q) + noise[:, robot.actuated])
+        speed = robot.gear_ratio * rates[:, robot.actuated]
         if sensors == "motors":
             return Measurement(angle, speed, state=None)
+
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
         x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])

@@ -81,20 +81,22 @@ class ControlCycle:
         self._equations = SinglePose(robot)
         self._data = robot.model.createData()
         self._names = ", ".join(robot.actuator_names)
+        # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
-        self._has_no_redundant_rows = len(self._independent) == len(robot.rows.names)
+        self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
+        self._has_joint_springs = bool(robot.joint_stiffness.any())
+        # scales that make P, its unknowns and its right-hand sides dimensionless
         self._scale = np.asfortranarray(robot.passive_scale)
         self._passive_lengths = robot.column_scale[robot.following]
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
-        self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
+
         self.q, self.x = start.q.copy(), start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
         self._factor_loops(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._search: PoseSearch | None = None  # made when needed
-        self._has_joint_springs = bool(robot.joint_stiffness.any())
         self._rest_at(self.q)
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
@@ -183,19 +185,18 @@ class ControlCycle:
         equations = self._equations
         columns = self._following
         equations.evaluate_pose(q)
-        jacobian = equations.jacobian
-        residual = equations.residual
-        if not self._has_no_redundant_rows:
-            jacobian = jacobian.take(self._independent, axis=0)
-            residual = residual.take(self._independent)
+        jacobian = equations.jacobian.take(self._independent, axis=0)
+        residual = equations.residual.take(self._independent)
         self.T[:] = 0.0
         self.T[self._actuated] = np.eye(len(self._actuated))
         if not len(columns):
             self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
+
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
         if not self._factor(P):
             return np.inf
+
         # in Fortran order LAPACK overwrites the right-hand sides by their solutions, without a copy
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
@@ -226,12 +227,13 @@ class ControlCycle:
         tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2.
         """
         last_determinant = self._determinant
-        motor_step = target - self._motors
+        motor_step = target - self._motors  # (n_a,)
         prediction = self.T @ motor_step
         q = self._integrate(self.q, prediction)
         if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
-        correction = np.zeros(len(prediction))
+
+        correction = np.zeros(len(prediction))  # sum of all Newton steps
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
             size = self._factor_loops(q)
@@ -247,6 +249,7 @@ class ControlCycle:
                 break
         else:
             return None
+
         lengths = self.robot.column_scale
         corrected = np.abs(correction / lengths).max()
         predicted = np.abs(prediction / lengths).max()
@@ -269,7 +272,7 @@ class ControlCycle:
         self._set_state(q, np.zeros(self.robot.n_a))
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set the state at q (nq,) and motor rates `rates` (n_a,); T must already belong to q."""
+        """Set the state at q (nq,) for `rates` (n_a,) of the motors' joints; T must belong to q already."""
         self.q = q
         self.v = self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed

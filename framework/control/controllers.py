@@ -1,4 +1,4 @@
-"""Controllers by name, with the measurements and state estimates that they use.
+"""Controllers by name, with the planned motion, the measurements and the state estimates that they use.
 
 With encoders only on the motors, the platform coordinates follow from the motor angles by the inverse of G =
 d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate amplifies noise without bound there.
@@ -33,36 +33,123 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_derivatives import forward_derivatives
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
-from framework.kinematics.external_wrenches import AppliedWrench
+from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.loop_matrices import scaled_loops
-from framework.numerics.arrays import Array
+from framework.kinematics.motion_rates import Motion, joint_rates
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import MotionLaw
+from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.ordered_sums import matvec, solve
+from framework.planning.result import CrossingPlan
+from framework.tolerances import SAME_PLACE
+
+# ------------------------------------------------------------------ the planned motion
+
+
+MAX_SAMPLES = 200_000  # of a planned motion
+
+
+@dataclass(frozen=True, eq=False)
+class Reference(ReadOnlyArrays):
+    """The planned motion at the K sampling instants k * `period`."""
+
+    robot: ParallelRobot  # the controller's model
+    period: float  # [s]
+    times: Array  # (K,) [s]
+    motion: Motion  # q (K, nq), v, a (K, nv)
+    x: Array  # (K, n) platform coordinates [m, rad]
+    dx: Array  # (K, n) their rates
+    ddx: Array  # (K, n) their accelerations
+    torque: Array  # (K, n_a) [N m], motor side, without dry friction
+    period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
+    motor_angle: Array  # (K, n_a) [rad, m], motor side
+    motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
+    N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
+    law: MotionLaw
+    wrenches: ExternalWrenches  # external wrenches, as planned
+
+    @property
+    def planned_wrenches(self) -> dict[str, Array]:
+        """External wrenches (K, 6) along the planned motion, on base axes, by frame."""
+        frames = self.motion.linearised.frames
+        return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
+
+
+def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
+    """Sample the plan every `period` seconds.
+
+    Raises:
+        InvalidInput: the period is not positive, longer than a tenth of the motion, or so short that
+            there would be more than 200000 samples.
+    """
+    shortest = plan.duration / MAX_SAMPLES
+    longest = plan.duration / 10
+    if not (np.isfinite(period) and shortest < period <= longest):
+        raise InvalidInput(
+            f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
+            f"got {period!r}"
+        )
+
+    robot, dynamics = plan.robot, plan.dynamics
+    # rounding must not lose the instant at the end
+    count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
+    times = np.minimum(period * np.arange(count), plan.duration)
+    middles = np.minimum(times + period / 2, plan.duration)  # of the periods
+    motion = dynamics.motion(times)
+    x = plan.platform(times)
+    return Reference(
+        robot=robot,
+        period=period,
+        times=times,
+        motion=motion,
+        x=x,
+        dx=plan.platform(times, 1),
+        ddx=plan.platform(times, 2),
+        torque=dynamics.torque_without_friction(times),
+        period_torque=dynamics.torque_without_friction(middles),
+        motor_angle=plan.motor_angle(times),
+        motor_speed=plan.motor_angle(times, 1),
+        N=joint_rates_by_platform(robot, motion, x),
+        law=plan.law,
+        wrenches=dynamics.wrenches,
+    )
+
+
+def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
+    """Compute N = dq/dx (T, nv, n) at x (T, n) along a motion, at constant deflections."""
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) one twist for each unit rate of x
+    no_deflection_rates = np.zeros((len(x), robot.n_e))
+    rates = joint_rates(robot, motion.linearised, twists, no_deflection_rates)  # (n, T, nv)
+    return np.moveaxis(rates, 0, 2)
+
+
+# ------------------------------------------------------------------ controllers
+
 
 FADING_RATIO = 0.1  # singular values below this share of the largest one are damped, see `solve_damped`
 
 
 class RobotState(NamedTuple):
-    """Configuration and platform of R runs, measured or estimated."""
+    """Configuration and platform of R runs with their rates, measured or estimated."""
 
     q: Array  # (R, nq)
-    v: Array  # (R, nv)
-    x: Array  # (R, n) [m, rad]
-    dx: Array  # (R, n)
+    v: Array  # (R, nv) joint rates
+    x: Array  # (R, n) platform coordinates [m, rad]
+    dx: Array  # (R, n) their rates
 
 
 class Measurement(NamedTuple):
     """The readings of the encoders of R runs."""
 
-    motor_angle: Array  # (R, n_a) [rad], motor side
-    motor_speed: Array  # (R, n_a) [rad/s]
+    motor_angle: Array  # (R, n_a) [rad, m], motor side
+    motor_speed: Array  # (R, n_a) [rad/s, m/s], motor side
     state: RobotState | None  # None with encoders only on the motors
 
 
@@ -111,9 +198,9 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 def solve_damped(matrices: Array, right: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
 
-    Let t be FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
-    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
-    NaN for a matrix that is not finite.
+    The solutions have the shape (R, k). Let t be FADING_RATIO times the largest singular value. The inverse
+    of a singular value sigma below t is sigma / t^2 instead of 1 / sigma, which is continuous at t and falls
+    to zero with sigma. The solution is NaN for a matrix that is not finite.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
@@ -232,13 +319,18 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
+    Args:
+        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics, see `linearise_error`.
+        Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
+        period: sampling period h [s].
+
     With constant torques over a period h, e_(k+1) = F e_k + G tau_k and [F, G; 0, 1] = exp([A, B; 0, 0] h).
     For the cost-to-go e' P e after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
     period has the matrix Q + L' R L + (F - G L)' P (F - G L).
     """
     from scipy.linalg import expm
 
-    count, size, inputs = B.shape
+    count, size, inputs = B.shape  # K, 2n, n_a
     generator = np.zeros((count, size + inputs, size + inputs))
     generator[:, :size] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
@@ -281,31 +373,34 @@ class ComputedTorque:
         return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
+        """Compute motor torques (R, n_a) [N m] at sampling instant k.
 
-        The open tree needs the generalised forces r. Its passive joints (p) determine the multipliers lambda
-        of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda on the joint side.
+        They are infinite where the naive controller divides by zero. The open tree needs the generalised
+        forces r. Its passive joints (p) determine the multipliers lambda of the loops by P' lambda = r_p. The
+        motors (a) then need tau = r_a - J_a' lambda on the joint side.
         """
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY
-        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
+
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
         J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
+
         if self.multipliers is None:
             multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
             multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
+
         torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
-        n = robot.gear_ratio
-        rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
-        return rotor_torque + torque[:, robot.actuated] / n
+        rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
+        return rotor_torque + torque[:, robot.actuated] / robot.gear_ratio
 
 
 class _Motion(NamedTuple):
@@ -356,10 +451,9 @@ def _planned_multipliers(reference: Reference) -> Array:
     """
     robot = reference.robot
     motion = reference.motion
-    n = robot.gear_ratio
-    rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
+    rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
     loop_forces = tree_forces(robot, motion)  # r (K, nv), from which S' tau is subtracted
-    loop_forces[:, robot.actuated] -= n * (reference.torque - rotor_torque)
+    loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
     J = scaled_loops(robot, motion.linearised)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return np.matvec(inverse, loop_forces * robot.column_scale)

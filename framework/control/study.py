@@ -2,26 +2,52 @@
 
 Runs are computed in chunks by any `concurrent.futures.Executor`. Each run is drawn from its own seed and has
 the same result in any chunk, so results depend neither on the executor nor on the chunks. Finished chunks can
-be stored, so that an interrupted study can go on.
+be stored, so that an interrupted study can go on. The set-up of a study is stored in robustness.json; with
+its seed it reproduces any run.
 """
 
 from __future__ import annotations
 
+import platform
 import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import ControlLoop, Outcomes, run_closed_loop
-from framework.control.controllers import Controller
-from framework.control.variation import Spread, draw
+from framework.control.closed_loop import (
+    SENSORS,
+    ControlLoop,
+    Outcomes,
+    Run,
+    Spread,
+    draw,
+    run_closed_loop,
+    torque_limit,
+)
+from framework.control.controllers import Controller, Reference, reference_of, tuned_controller
 from framework.errors import InvalidInput
+from framework.model.documents import prefix_errors
+from framework.numerics.fields import (
+    Table,
+    dataclass_of,
+    list_of,
+    mapping,
+    not_negative,
+    one_of,
+    positive,
+    read_table,
+    required,
+    whole,
+)
 from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
+from framework.numerics.output import Document, package_versions
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import plan_document, plan_from_document, read_document
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; larger stacks do not make a run cheaper
 
@@ -87,8 +113,10 @@ def run_study(
         raise InvalidInput(f"runs: needs at least 1, got {runs!r}")
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
+
     started = time.perf_counter()
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
+    # numbers of the runs of each chunk, by the name under which the chunk is stored
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
     finished_runs = 0  # in finished chunks
 
@@ -112,7 +140,7 @@ def run_study(
         keeper=keeper,
         progress=report,
     )
-    outcomes: dict[str, Any] = {**arrays, "why": tuple(arrays["why"].tolist())}
+    outcomes: Document = {**arrays, "why": tuple(arrays["why"].tolist())}  # fields of `Outcomes`
     seconds = time.perf_counter() - started
     return Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes)
 
@@ -127,16 +155,22 @@ def run_chunk(
 ) -> Arrays:
     """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
 
-    `report_progress` is called with the finished share of the motion.
+    Args:
+        seed: seed of the study.
+        chunk: numbers of the runs.
+        report_progress: called with the finished share of the motion.
     """
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    run = run_closed_loop(controller, loop, spread, variations, report_progress=report_progress)
+    run = run_closed_loop(controller, loop, spread, variations, report_progress)
     return {field.name: np.asarray(getattr(run, field.name)) for field in fields(Outcomes)}
 
 
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
-    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
+    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`.
+
+    `motors` is the number of motors, `chunk` has the numbers of the runs.
+    """
     runs = len(chunk)
     numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
@@ -154,3 +188,103 @@ def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunk
     """
     plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
     return KeptChunks.of(out, {**setup, "plan": plan}, controller)
+
+
+# ------------------------------------------------------------------ the set-up of a study, in robustness.json
+
+
+FILE = "robustness.json"
+
+
+@dataclass(frozen=True, eq=False)
+class StudySetup:
+    """A plan with its sampling, its control loop and the spread of robots."""
+
+    plan: CrossingPlan  # as read from its own document
+    period: float  # [s]
+    loop: ControlLoop  # with torque limits as numbers
+    spread: Spread
+    seed: int
+
+    @staticmethod
+    def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
+        """Make the set-up of a new study.
+
+        The plan is written to a document and read back, so that its torques equal those of a later rerun to
+        the last bit.
+
+        Raises:
+            InvalidInput: a plan that cannot be written to a document; an invalid period or limit.
+        """
+        plan = plan_from_document(plan_document(plan), Path(FILE))
+        limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
+        return StudySetup(plan, period, replace(loop, limit=limit), spread, seed)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The plan at the sampling instants of the controller."""
+        return reference_of(self.plan, period=self.period)
+
+    def controller(self, name: str) -> Controller:
+        """Return the controller of a name with its default gains.
+
+        Raises:
+            InvalidInput: unknown name, or a robot that the controller cannot drive.
+        """
+        return tuned_controller(name, self.reference)
+
+    def run(self, controller: str, *numbers: int) -> Run:
+        """Repeat runs of the study together.
+
+        Args:
+            controller: name of the controller.
+            numbers: numbers of the runs, from 0.
+        """
+        variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
+        return run_closed_loop(self.controller(controller), self.loop, self.spread, variations)
+
+    def to_dict(self, folder: Path | None = None) -> Document:
+        """Return the content of a robustness.json in `folder`, with the versions of libraries."""
+        return {
+            "seed": self.seed,
+            "period": self.period,
+            **asdict(self.loop),
+            "spread": asdict(self.spread),
+            "plan": plan_document(self.plan, folder),
+            "versions": library_versions(),
+        }
+
+
+_STUDY: Table = {
+    "seed": required(whole),
+    "period": required(positive),
+    "tolerance": required(positive),
+    "end": required(positive),
+    "limit": required(list_of(positive)),
+    "sensors": required(one_of("sensors", SENSORS)),
+    "spread": required(dataclass_of(Spread, dict.fromkeys(vars(Spread()), not_negative))),
+    "plan": required(mapping),
+}
+
+
+def library_versions() -> dict[str, str]:
+    """Return the versions on which the last bit of a run depends."""
+    return {**package_versions(), "python": platform.python_version(), "machine": platform.machine()}
+
+
+def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, Document]:
+    """Read the set-up of a study that `crossing robustness --out` wrote; return also its document.
+
+    Args:
+        robot_file: path of the robot's file, if it differs from the path in the document.
+
+    Raises:
+        InvalidInput: there is no robustness.json, the file is another document, or the robot has changed.
+    """
+    file = Path(folder) / FILE
+    saved = read_document(file, "robustness")
+    with prefix_errors(file, InvalidInput):  # the entries of the set-up, checked
+        stated = read_table("", saved, _STUDY, others=None)
+        loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
+    plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
+    return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"]), saved

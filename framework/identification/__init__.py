@@ -6,20 +6,17 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `read_recording` reads data; `record_sensors` simulates them.
+measured poses. `recording` reads data and simulates them.
 
-    combinations           the combinations of parameters that a regressor determines
-    measured_motion        the motion of all joints from recorded samples
-    physical               parameters of bodies that can exist
-    geometry               errors of joint origins as virtual joints
-    calibration_equations  measured poses as equations for these errors
+    combinations     the combinations of parameters that a regressor determines
+    measured_motion  the motion of all joints from recorded samples
+    geometry         errors of joint origins as virtual joints, and equations for these errors
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters
 from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.identify import Identification, identify
-from framework.identification.recording import Recording, read_recording
-from framework.identification.sensors import Sensors, record_sensors
+from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
 
 __all__ = [
     "BaseParameters",

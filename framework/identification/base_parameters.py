@@ -10,17 +10,26 @@ Type 2 singularities too, and holds with redundant motors.
 
 Each moving body has ten parameters (m, m c, I about the origin of its joint), on the axes of its link. Each
 motor has three: the rotor inertia on the motor side of the gear, and viscous and dry friction on the joint
-side.
+side. The robot file has these parameters too, those of the bodies split among their links.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
+import pinocchio as pin
 
-from framework.dynamics.body_parameters import INERTIAL, link_of, link_parameters, tree_regressor
+from framework.dynamics.body_parameters import (
+    INERTIAL,
+    link_of,
+    link_parameters,
+    parameter_transform,
+    pseudo_inertia,
+    tree_regressor,
+)
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, NotConverged
@@ -28,26 +37,32 @@ from framework.identification.combinations import (
     Combinations,
     find_combinations,
     format_combination,
+    merge_rows,
 )
+from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
-from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
+from framework.kinematics.tree_model import link_axes
+from framework.model.description import JointDynamics, RobotDescription
+from framework.model.documents import attribute, child_element, read_origin, remove_children
+from framework.model.urdf_edits import inertial_element
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
+from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP, RANK_ROUNDING
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
-OF_MOTORS = ("rotor_inertia", "damping", "friction")
+OF_MOTORS = ("rotor_inertia", "damping", "friction")  # parameters of each motor, in this order
 
 
 class TorqueParameters(NamedTuple):
     """The p parameters of a robot: ten for each body, then three for each motor."""
 
     bodies: IntArray  # (b,) indices of the bodies' joints in pinocchio
-    links: tuple[str, ...]  # (b,) names of the bodies
-    names: tuple[str, ...]  # (p,)
+    links: Names  # (b,) names of the bodies
+    names: Names  # (p,) LINK.mass and so on, JOINT.rotor_inertia and so on
     values: Array  # (p,) in the robot file, SI units
     sizes: Array  # (p,) typical sizes for a body or a motor of this robot, SI units
 
@@ -70,9 +85,11 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
     motors = robot.actuated
     bodies = [j for j in range(1, model.njoints) if massless or model.inertias[j].mass > 0]
     links = tuple(link_of(model, j) for j in bodies)
+
     names = [f"{link}.{name}" for link in links for name in INERTIAL]
     names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
-    body_values = [link_parameters(model, j) for j in bodies]
+
+    body_values = [link_parameters(model, j) for j in bodies]  # (10,) each
     motor_values = [robot.rotor_inertia, robot.joint_damping[motors], robot.joint_friction[motors]]
     body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
@@ -102,10 +119,10 @@ def gravity_scale(robot: ParallelRobot) -> float:
 
 
 class ParameterRegressor(NamedTuple):
-    """The terms of N' Y theta + constant = N' S tau at T instants, on platform axes."""
+    """The terms of N' Y theta + constant = N' S tau on platform axes, at T instants."""
 
     matrix: Array  # (T, n, p) N' Y
-    constant: Array  # (T, n) springs, and armature and damping of joints without a motor
+    constant: Array  # (T, n) wrench of springs, and of armature and damping of joints without a motor
     motors: Array  # (T, n, n_a) N' S for torques on the motor side: G' of `platform_wrench`
 
 
@@ -119,6 +136,7 @@ def parameter_regressor(
     contain those of bodies and damping, but neither rotors nor dry friction.
 
     Args:
+        parameters: theta, with the values of the robot file.
         signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
     G, N = motor_speeds(robot, motion.linearised)  # motor speeds (T, n_a, n) and joint rates (T, nv, n)
@@ -131,9 +149,10 @@ def parameter_regressor(
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
-    values_in_tree = parameters.values.copy()  # theta without the parameters that r does not contain
-    for name in ("rotor_inertia", "friction"):  # every third parameter after those of the bodies
-        values_in_tree[body_part.shape[2] + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
+    # theta without rotor inertias and dry friction, which r does not contain
+    values_in_tree = parameters.values.copy()
+    of_motors = values_in_tree[body_part.shape[2] :].reshape(-1, len(OF_MOTORS))  # (n_a, 3), a view
+    of_motors[:, np.array(OF_MOTORS) != "damping"] = 0.0
     constant = np.matvec(N_transposed, tree_forces(robot, motion)) - matrix @ values_in_tree
     return ParameterRegressor(matrix, constant, G.swapaxes(1, 2))
 
@@ -161,13 +180,13 @@ class BaseParameters(ReadOnlyArrays):
     robot: ParallelRobot
     rank: int
     gap: float
-    names: tuple[str, ...]
-    parameters: tuple[str, ...]
-    without_effect: tuple[str, ...]
-    left_out: tuple[str, ...]
+    names: Names
+    parameters: Names
+    without_effect: Names
+    left_out: Names
     values: Array  # (rank,) by the robot file, SI units
-    described: TorqueParameters
-    combinations: Combinations
+    described: TorqueParameters  # the parameters with values and sizes
+    combinations: Combinations  # coefficients of the base parameters, in `parameters`
 
     @property
     def certain(self) -> bool:
@@ -192,13 +211,14 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
     expect_robot(robot)
     described = torque_parameters(robot, massless=massless)
     random = np.random.default_rng(0)
-    count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))
+    count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))  # instants of n rows each
     sets = []
     for _ in range(RANDOM_SETS):
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # give all instants the same weight: forces are large near singularities of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
-        sets.append(find_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
+        sets.append(find_combinations(merge_rows(matrix), described.sizes))
+
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
@@ -207,6 +227,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
             f"singular values leave no clear gap",
             residual=1.0 / least.gap,
         )
+
     all_links = torque_parameters(robot, massless=True).links
     return BaseParameters(
         robot=robot,
@@ -270,3 +291,151 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         q=robot.reference.q,
         residual=robot.reference.residual,
     )
+
+
+# ------------------------------------------------------------------ links and motors in the robot file
+
+
+MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
+
+
+class LinkParameters(NamedTuple):
+    """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
+
+    links: Names  # those with mass in the file
+    values: Array  # (u,) in the robot file
+    spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
+    to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
+
+    @property
+    def link_slices(self) -> list[slice]:
+        """The entries of each link among the u parameters."""
+        return [slice(10 * i, 10 * i + 10) for i in range(len(self.links))]
+
+    @property
+    def motor_slice(self) -> slice:
+        """The entries of all motors among the u parameters."""
+        return slice(10 * len(self.links), None)
+
+
+def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
+    """Collect the parameters of all links with mass and of the motors.
+
+    The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
+    """
+    urdf = fromstring(robot.description.urdf_text)
+    links = elements_by_name(urdf, "link").items()
+    in_file = {name: read_inertial_parameters(link) for name, link in links}
+    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
+
+    frames: list[pin.Frame] = []  # of the links with mass, body by body
+    columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
+    for i, joint in enumerate(parameters.bodies.tolist()):
+        for frame in robot.model.frames:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
+                frames.append(frame)
+                columns.append(_link_columns(robot, parameters, i, frame))
+
+    motors = slice(10 * len(parameters.bodies), None)
+    motor_columns = np.eye(len(parameters.names))[:, motors]
+    link_values = [heavy[frame.name] for frame in frames]
+    return LinkParameters(
+        links=tuple(frame.name for frame in frames),
+        values=np.concatenate([*link_values, parameters.values[motors]]),
+        spread=np.concatenate([*map(_link_sizes, link_values), _motor_spread(parameters, motors)]),
+        to_parameters=np.concatenate([*columns, motor_columns], axis=1),
+    )
+
+
+def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, link: pin.Frame) -> Array:
+    """Return the columns (p, 10) of `to_parameters` for a link of body i."""
+    columns = np.zeros((len(parameters.names), 10))
+    pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
+    columns[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
+    return columns
+
+
+def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
+    """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
+
+    The size of a rotor is the file's inertia. A rotor that is zero in the file stays almost zero: its size is
+    RANK_ROUNDING times the typical inertia of a motor.
+    """
+    sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
+    in_file = parameters.values[motors].reshape(sizes.shape)
+    rotor = OF_MOTORS.index("rotor_inertia")
+    sizes[:, rotor] = np.maximum(in_file[:, rotor], RANK_ROUNDING * sizes[:, rotor])
+    return sizes.ravel()
+
+
+def _link_sizes(link: Array) -> Array:
+    """Compute sizes (10,) of a link's parameters (10,): mass times powers of its radius.
+
+    The powers are `LENGTH_POWERS`. The radius is the radius of gyration about the origin. It is 0 for a point
+    mass at the origin, whose moments therefore remain zero.
+    """
+    mass = link[0]
+    trace = np.trace(pseudo_inertia(link)[:3, :3])
+    radius = np.sqrt(max(trace, 0.0) / mass)
+    return mass * radius**LENGTH_POWERS
+
+
+def read_inertial_parameters(link: Element) -> Array:
+    """Read the ten parameters (10,) of a link about its origin; zeros without <inertial>.
+
+    They are mass, first and second moments [kg, kg m, kg m^2], on the axes of the link.
+    """
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros(10)
+    where = f"link {link.get('name')!r}: <inertial>"
+    mass = attribute(child_element(inertial, where, "mass"), where, "value")
+    inertia = child_element(inertial, where, "inertia")
+    entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
+    pose = read_origin(inertial, where)
+    return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+
+
+def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
+    """Return the robot's description with other parameters of links and motors.
+
+    Args:
+        links: the parameters in the file. Links whose parameters do not change keep their text.
+        values: (u,) new values in the same order: inertial parameters of the links; rotor inertia, damping
+            and friction of each motor.
+    """
+    description = robot.description
+    urdf = fromstring(description.urdf_text)
+    elements = elements_by_name(urdf, "link")
+    for name, part in zip(links.links, links.link_slices, strict=True):
+        if (values[part] != links.values[part]).any():
+            write_inertial(elements[name], values[part])
+    motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
+    actuators = []
+    joints = dict(description.joints)
+    for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
+        actuators.append(replace(actuator, rotor_inertia=rotor))
+        in_file = joints.get(actuator.joint, JointDynamics())
+        joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
+    return replace(
+        description,
+        urdf_text=tostring(urdf, encoding="unicode"),
+        actuators=tuple(actuators),
+        joints=joints,
+    )
+
+
+def write_inertial(link: Element, parameters: Array) -> None:
+    """Write ten parameters (10,) about a link's origin as its <inertial>.
+
+    <inertial> is about the centre of mass c. With S about the origin, the second moments about c are
+    S - m c c'. The inertia is their trace times the identity, minus the second moments.
+    """
+    mass, *first_moments = parameters[:4].tolist()
+    centre = np.array(first_moments) / mass
+    about_centre = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    moments, axes = np.linalg.eigh(about_centre)
+    second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding
+    inertia = np.trace(second_moments) * np.eye(3) - second_moments
+    remove_children(link, "inertial")
+    link.insert(0, inertial_element(mass, centre, inertia))

@@ -16,23 +16,30 @@ from pathlib import Path
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, check_choice
-from framework.identification.calibration_equations import (
+from framework.identification.combinations import (
+    COEFFICIENT_ROUNDING,
+    Combinations,
+    describe_unseen_direction,
+    find_combinations,
+    merge_rows,
+)
+from framework.identification.geometry import (
+    Geometry,
     Measurements,
     ParameterEquations,
     eliminate_poses,
-    encoder_names,
     measurement_offsets,
+    parametrise_geometry,
     select_measurements,
+    sensor_slopes,
 )
-from framework.identification.combinations import Combinations, find_combinations, format_combination
-from framework.identification.geometry import Geometry, parametrise_geometry
-from framework.identification.recording import Recording, load_recording
+from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
-from framework.kinematics.frames import frames_at, integrate_columns
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
@@ -40,8 +47,6 @@ from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of a machine shop
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
-HELD_OUT_EVERY = 4  # every fourth instant is held out for validation
-MIN_RESPONSE = 1e-6  # least response of a sensor to a motion, over the motion [rad, robot lengths]
 HUBER = 2.0  # ratio of an instant's residual to the noise above which the instant's weight falls
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is relative to the prior
 CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
@@ -73,7 +78,7 @@ class Calibration(ReadOnlyArrays):
     values: Array
     deviations: Array
     combinations: Combinations
-    unseen: tuple[str, ...]
+    unseen: Names
     error_before: Array
     error_after: Array
     noise: float
@@ -111,7 +116,7 @@ class Calibration(ReadOnlyArrays):
             "unseen": self.unseen,
             "errors_held_out": {
                 name: {"before": before, "after": after}
-                for name, before, after in list(errors)[self.measured.driven :]
+                for name, before, after in list(errors)[self.robot.n_a :]  # without the motors
             },
             **select_fields(self, *keys),
         }
@@ -178,7 +183,7 @@ def calibrate(
         error_before=predict_error(np.zeros_like(prior)),
         error_after=predict_error(solver.values),
         noise=solver.noise,
-        degrees_of_freedom=solver.freedom,
+        degrees_of_freedom=solver.degrees_of_freedom,
         outliers=tuple(np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.steps,
@@ -195,22 +200,34 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
 
 
 def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
-    """Solve the forward kinematics q (T, nq) at the measured motor angles."""
-    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
+    """Solve the forward kinematics q (T, nq) at the measured motor angles.
+
+    Raises:
+        NotAssembled: the loops do not close at some of them.
+    """
+    stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
     for refusal in stack.refused.values():
-        raise refusal
+        raise refusal  # the first one
     return stack.q
 
 
 def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
-    """Find the parameter combinations that measurements or loops determine."""
+    """Find the parameter combinations that measurements or loops determine.
+
+    `prior` (p,) are the standard deviations of the file's parameters.
+    """
     loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # in units of the noise
     rows = np.concatenate([merge_rows(equations.matrix), merge_rows(loop_rows)])
     return find_combinations(rows, prior)
 
 
 def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> None:
-    """Refuse implausible noise, and implausible changes (p,) over their prior deviations."""
+    """Refuse implausible noise, and implausible changes of the parameters.
+
+    Args:
+        deviations: (p,) changes over the prior standard deviations.
+        noise: ratio of the residual to the assumed noise.
+    """
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{geometry.robot.name}: the residual of the data is {noise:.3g} times the assumed noise; raise "
@@ -232,10 +249,13 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
 
     The motors of q (T, nq) are moved to their measured angles, and the parameters to `values` (p,). Then the
     loops are closed.
+
+    Raises:
+        NotConverged: the loops do not close.
     """
-    motor_steps = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
-    q = _move_poses(model, q, model.actuated, motor_steps, values)
-    poses = close_at_motors(model, q, np.zeros((len(q), model.model.nv)), q)
+    motor_steps = measured.values[:, : model.n_a] - model.actuated_coordinates(q)
+    start = _move_poses(model, q, model.actuated, motor_steps, values)
+    poses = close_at_motors(model, start, np.zeros((len(q), model.model.nv)), start)
     if not poses.closed.all():
         worst = np.argmin(poses.closed)
         raise NotConverged(
@@ -260,58 +280,29 @@ def _describe_unseen(
     q: Array,
     equations: ParameterEquations,
     combinations: Combinations,
-) -> tuple[str, ...]:
+) -> Names:
     """Describe the parameter directions that the data do not determine, with remedies.
 
     A step along such a direction moves the joints while all measurements stay the same. A sensor that was not
     used would determine the direction if its value changes during this motion.
+
+    Args:
+        measured, q, equations: measurements, poses (T, nq) and equations of the instants that were used.
     """
     model = geometry.model
-    slopes = _sensor_slopes(model, q)
+    slopes = sensor_slopes(model, q)
     unused = [name for name in slopes if name not in measured.names]
     sentences = []
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
-        least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responding = (name for name in unused if np.abs(np.vecdot(slopes[name], motion)).max() > least)
-        sensor = next(responding, None)
+        least = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
+        changes = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
+        sensor = next((name for name, change in changes.items() if change > least), None)
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
-
-
-def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Compute derivatives of all measurable quantities at q (T, nq), by name.
-
-    The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
-    the joints that an encoder can measure, with constant derivatives (nv,).
-    """
-    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
-    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
-    for column, name in encoder_names(model).items():
-        slopes[name] = np.eye(model.model.nv)[column]
-    return slopes
-
-
-def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
-    """Describe a direction (p,) of the parameters that the data do not determine.
-
-    If only two parameters change, and by the same amount, the data determine their difference. If they change
-    by opposite amounts, the data determine their sum.
-    """
-    used = np.flatnonzero(direction).tolist()
-    used_names = [names[k] for k in used]
-    if len(used) == 1:
-        return f"{used_names[0]} not at all"
-    if len(used) == 2:
-        change_1, change_2 = direction[used]
-        if abs(abs(change_1) - abs(change_2)) < MIN_RESPONSE * abs(change_1):
-            kind = "difference" if change_1 * change_2 > 0 else "sum"
-            return f"{' and '.join(used_names)} only as their {kind}"
-    return f"no change by {format_combination(names, direction)}"
 
 
 class GaussNewton:
@@ -320,10 +311,12 @@ class GaussNewton:
     The cost is a sum of squares: of the residuals over the noise, weighted by instant; of loop equations that
     no joint can close; and of the parameters' changes over their prior deviations.
 
-    values, deviations: (p,) changes of the parameters from the file, and their standard deviations.
+    q: (T, nq) poses.
+    prior: (p,) standard deviations of the file's parameters [m, rad].
+    values, deviations: (p,) changes of the parameters from the file, and their standard deviations [m, rad].
     weights: (T,) square roots of Huber's weights of the instants.
     noise: ratio of the residual to the assumed noise.
-    freedom: degrees of freedom from which the noise is estimated.
+    degrees_of_freedom: number of equations minus number of parameters that they determine.
     steps: number of steps tried.
     """
 
@@ -336,11 +329,11 @@ class GaussNewton:
         self.values = np.zeros(len(prior))
         self.weights = np.ones(len(q))
         self.noise = 1.0
-        self.freedom = 0.0
+        self.degrees_of_freedom = 0.0
         self.steps = 0
         self.deviations = prior
         # eliminating the pose of an instant uses up as many equations as there are motors
-        self.equations_per_instant = len(measured.names) - measured.driven
+        self.equations_per_instant = len(measured.names) - model.n_a
 
     def run(self, progress: Callable[[int], None]) -> None:
         """Iterate until the parameters converge.
@@ -363,10 +356,12 @@ class GaussNewton:
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
+
             # the cost must not rise by more than rounding
             if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 continue
+
             self.q = q
             self.values = values
             equations = next_equations
@@ -390,7 +385,7 @@ class GaussNewton:
         weights = self.weights[:, None] / self.noise  # (T, 1)
         data_rows = merge_rows(weights[..., None] * equations.matrix)
         matrix = np.concatenate([data_rows, merge_rows(equations.loop_slopes)])
-        residual = np.append(weights * equations.right, equations.open_loops)
+        residual = np.append(weights * equations.residual, equations.open_loops)
         return matrix * self.prior, residual
 
     def _damped_step(self, equations: ParameterEquations, damping: float) -> Array:
@@ -418,7 +413,7 @@ class GaussNewton:
         noise has the weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
         Mathematical Statistics 35, 1964).
         """
-        residuals = np.sqrt(np.sum(equations.right**2, axis=1) / self.equations_per_instant)  # (T,)
+        residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING)))
         return self._cost(equations, self.values)
@@ -430,14 +425,14 @@ class GaussNewton:
         """
         from scipy.special import ndtr, stdtrit  # slow to import
 
-        residual = self.weights[:, None] * equations.right
+        residual = self.weights[:, None] * equations.residual
         count = len(residual) * self.equations_per_instant
         self._estimate_noise(equations, np.sqrt(np.sum(residual**2) / count))
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
-        if self.freedom >= 1.0:
-            self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
+        if self.degrees_of_freedom >= 1.0:
+            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
     def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
@@ -459,8 +454,8 @@ class GaussNewton:
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0
-        self.freedom = freedom_at(LEAST_NOISE)
-        if self.freedom < 1.0:
+        self.degrees_of_freedom = freedom_at(LEAST_NOISE)
+        if self.degrees_of_freedom < 1.0:
             return
         self.noise = LEAST_NOISE
         if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
@@ -469,7 +464,7 @@ class GaussNewton:
             upper_bound = max(residual * np.sqrt(count), 1.0)
             solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
             self.noise = float(solution)
-        self.freedom = freedom_at(self.noise)
+        self.degrees_of_freedom = freedom_at(self.noise)
 
     def _squared_singular_values(self, equations: ParameterEquations) -> Array:
         """Compute squared singular values (p,) of A S, with the rows A of the data.
@@ -486,8 +481,3 @@ class GaussNewton:
         rows = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
         rows = rows @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
-
-
-def merge_rows(stack: Array) -> Array:
-    """Merge a stack (T, m, p) into one matrix (T m, p)."""
-    return stack.reshape(-1, stack.shape[2])

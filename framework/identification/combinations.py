@@ -69,6 +69,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     """Find the combinations of parameters that a regressor (rows, p) determines.
 
     Args:
+        regressor: derivatives of the data with respect to the p parameters.
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
     """
     columns = regressor * sizes
@@ -122,10 +123,36 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
 def format_combination(names: Sequence[str], coefficients: Array) -> str:
     """Format a combination (p,) of parameters as text: `a + 0.25 b - c`."""
     used = np.flatnonzero(coefficients)
+    if not used.size:
+        return "0"
     terms = []
     for k in used[:MAX_TERMS]:
         value = coefficients[k]
         factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
-    ending = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
-    return (" ".join(terms) + ending).removeprefix("+ ") if terms else "0"
+    if len(used) > MAX_TERMS:
+        terms.append(f"and {len(used) - MAX_TERMS} more terms")
+    return " ".join(terms).removeprefix("+ ")
+
+
+def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
+    """Describe a direction (p,) of the parameters that the data do not determine.
+
+    If only two parameters change, and by the same amount, the data determine their difference. If they change
+    by opposite amounts, the data determine their sum.
+    """
+    used = np.flatnonzero(direction).tolist()
+    used_names = [names[k] for k in used]
+    if len(used) == 1:
+        return f"{used_names[0]} not at all"
+    if len(used) == 2:
+        change_1, change_2 = direction[used]
+        if abs(abs(change_1) - abs(change_2)) < COEFFICIENT_ROUNDING * abs(change_1):
+            kind = "difference" if change_1 * change_2 > 0 else "sum"
+            return f"{' and '.join(used_names)} only as their {kind}"
+    return f"no change by {format_combination(names, direction)}"
+
+
+def merge_rows(stack: Array) -> Array:
+    """Merge a stack (T, m, p) into one matrix (T m, p)."""
+    return stack.reshape(-1, stack.shape[2])

@@ -1,26 +1,37 @@
-"""The geometric parameters of a robot: errors of the joint origins in its URDF.
+"""The geometric parameters of a robot, errors of the joint origins in its URDF, and equations for them.
 
 Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
 parameters: translations along the axes of its origin, then rotations about them. Each parameter is a virtual
 joint, like that of a spring. So the equations of the robot with these joints also give derivatives with
 respect to the parameters.
+
+At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
+plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z with
+any z. Least squares on the measurements determines z, and the remaining equations contain only the parameters
+p. These are regular at Type 2 singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
-from framework.errors import check_choice
+from framework.errors import InvalidInput, check_choice
+from framework.identification.recording import LINEAR_AXES, Recording
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import single_columns
 from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.documents import child_element, read_origin, remove_children
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
 ERRORS = "errors"  # suffix of the names of virtual joints
 PLACED = "placed"  # suffix of the fixed joint that takes over the origin of a moving joint
@@ -32,8 +43,8 @@ class Geometry(ReadOnlyArrays):
 
     robot: ParallelRobot
     model: ParallelRobot  # the robot with an elastic virtual joint for each parameter
-    joints: tuple[str, ...]  # (p / 6,) joints whose origins have errors
-    names: tuple[str, ...]  # (p,) names of the parameters, JOINT.x .. JOINT.rz
+    joints: Names  # (p / 6,) joints whose origins have errors
+    names: Names  # (p,) names of the parameters, JOINT.x .. JOINT.rz
     turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
 
     def description(self, values: Array) -> RobotDescription:
@@ -72,7 +83,9 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     for name in chosen:
         is_fixed = elements[name].get("type") == "fixed"
         origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
-        springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
+        stiffness = (1.0,) * len(AXES)  # required, but without effect on the geometry
+        springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, stiffness))
+
     urdf_text = tostring(urdf, encoding="unicode")
     with_errors = replace(description, urdf_text=urdf_text, springs=tuple(springs))
     return Geometry(
@@ -141,3 +154,202 @@ def _move_origin(joint: Element, move: Array) -> None:
         pose = pose @ placement(rotation_about(axis, angle))
     remove_children(joint, "origin")
     joint.append(origin_element(pose))
+
+
+# ------------------------------------------------------------------ measured poses as equations
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements(ReadOnlyArrays):
+    """m measurements at each of T instants, on the joint side of gears.
+
+    In this order: the n_a joints of motors, other joints with encoders, coordinates of the platform, and
+        positions of
+    the platform's frame that are no coordinates.
+    """
+
+    names: Names  # (m,) columns of the recording
+    values: Array  # (T, m)
+    noise: Array  # (m,) standard deviations
+    columns: IntArray  # indices of the measured joints in the velocity vector
+    axes: IntArray  # indices of the measured platform coordinates
+    positions: IntArray  # base axes (0, 1, 2) of the measured positions
+
+    def select_instants(self, instants: BoolArray) -> Measurements:
+        """Return the measurements at the instants in a mask (T,)."""
+        return replace(self, values=self.values[instants])
+
+
+def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
+    """Select the measurements of a recording that calibration uses.
+
+    Args:
+        data: the recording.
+        noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
+            [m]. For turns of the platform its deviation is divided by the robot's length.
+
+    Raises:
+        InvalidInput: motor angles are missing, or the recording contains nothing else.
+    """
+    robot = geometry.robot
+    model = geometry.model
+    motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
+    encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
+    axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
+    positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
+    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
+    if not names:
+        raise InvalidInput(
+            f"{data.source}: motor angles alone do not determine the geometry; platform_"
+            f"{robot.axis_names[0]} or angles of other joints are needed"
+        )
+    coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
+    deviations = [
+        *(noise["motor_angle"] / np.abs(robot.gear_ratio)),
+        *[noise["joint"]] * len(encoders),
+        *(noise["platform"] * robot.platform_scale[coordinates] / robot.length),
+        *[noise["platform"]] * len(positions),
+    ]
+    return Measurements(
+        names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
+        values=np.column_stack([motors, *map(data.column, names)]),
+        noise=np.array(deviations),
+        columns=np.array([*model.actuated, *encoders], dtype=np.intp),
+        axes=coordinates,
+        positions=np.array([LINEAR_AXES.index(axis) for axis in positions], dtype=np.intp),
+    )
+
+
+def encoder_names(model: ParallelRobot) -> dict[int, str]:
+    """Return recording columns of passive joints with one freedom, by velocity column.
+
+    These are the joints that an encoder can measure.
+    """
+    single = single_columns(model.model)
+    return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
+
+
+def sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
+    """Compute derivatives of all measurable quantities at q (T, nq), by name.
+
+    The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
+    the joints that an encoder can measure, with constant derivatives (nv,).
+    """
+    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
+    for column, name in encoder_names(model).items():
+        slopes[name] = np.eye(model.model.nv)[column]
+    return slopes
+
+
+class MeasuredOffsets(NamedTuple):
+    """Values of the model minus measured values [rad, m], and their derivatives."""
+
+    offset: Array  # (T, m)
+    slope: Array  # (T, m, nv) derivatives along all joints, those of the parameters included
+
+
+def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
+    """Compute offsets of the model from measurements, and slopes along all joints.
+
+    Rows are in the order of `Measurements`.
+    """
+    joints = measured.columns
+    axes = measured.axes
+    positions = measured.positions
+    ends = np.cumsum([len(joints), len(axes)])
+    joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
+    # measured platform coordinates (T, n), with the model's values for those that are not measured
+    x = model.platform.coordinates(frames)
+    x[:, axes] = x_values
+    offset = [
+        model.coordinates.positions(frames.q)[:, joints] - joint_values,
+        model.platform.residual(frames, x)[:, axes],
+        frames.position[:, 0, positions] - position_values,
+    ]
+    slope = [
+        np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1)),
+        model.platform.jacobian(frames)[:, axes],
+        frames.frame_jacobian(0)[:, positions],
+    ]
+    return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1))
+
+
+class ParameterEquations(NamedTuple):
+    """Linear equations residual + matrix dp = noise for steps dp of p parameters, at T instants."""
+
+    residual: Array  # (T, m) offsets over their noise, minus the part that a step of the pose can remove
+    matrix: Array  # (T, m, p) derivatives of `residual` along the parameters
+    open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
+    loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
+    step: Array  # (T, k) step of the joints at constant parameters
+    follow: Array  # (T, k, p) steps of the joints for unit steps of the parameters
+
+
+def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
+    """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
+
+    Each of the p parameters is an elastic joint of the model. After steps dp of the parameters and z (T, f)
+    along the free motions of the loops, the offsets over their noise are r + A dp + B z. Least squares gives
+    z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and Pereyra 1973).
+    """
+    frames = frames_at(model, q)
+    scale = model.column_scale[model.joints]  # (k,)
+    loops = _solve_linear_loops(model, frames)
+    measurements = measurement_offsets(model, measured, frames)
+    slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
+    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k) along the k joints of the robot itself
+    r = measurements.offset / measured.noise + np.matvec(by_joints, loops.step)  # (T, m)
+    # the elastic columns of the model are the parameters; the joints follow them to close the loops
+    A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
+    B = by_joints @ loops.free  # (T, m, f)
+    B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
+    minus_z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters, dp = 0
+    minus_z_slope = B_inverse @ A  # (T, f, p) -dz/dp
+    return ParameterEquations(
+        residual=r - np.matvec(B, minus_z),
+        matrix=A - B @ minus_z_slope,
+        open_loops=loops.open_loops,
+        loop_slopes=loops.slopes,
+        step=scale * (loops.step - np.matvec(loops.free, minus_z)),
+        follow=scale[:, None] * (loops.follow - loops.free @ minus_z_slope),
+    )
+
+
+class _LinearLoops(NamedTuple):
+    """Solutions dq = step + follow dp + free z of the linearised loops [rad, robot lengths]."""
+
+    step: Array  # (T, k) of least norm that closes the loops
+    follow: Array  # (T, k, p) steps for unit steps of the parameters
+    free: Array  # (T, k, f) orthonormal motions that keep the loops closed
+    open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
+    slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
+
+
+def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
+    """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
+
+    The first columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns
+    of V are the free motions. The other columns of U are the combinations of loop equations that no joint can
+    close.
+    """
+    loops = loop_equations(model.rows, frames)
+    weights = 1.0 / model.row_lengths
+    residual = weights * loops.residual
+    jacobian = weights[:, None] * loops.jacobian
+    F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
+    F_p = jacobian[:, :, model.elastic]  # (T, r, p)
+    U, S, V_rows = np.linalg.svd(F_q)
+    rank = len(model.structure.independent)
+    U_rows = U.swapaxes(1, 2)
+    V = V_rows.swapaxes(1, 2)
+    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r)
+    unreachable = U_rows[:, rank:] / LOOP_GAP
+    return _LinearLoops(
+        step=-np.matvec(inverse, residual),
+        follow=-inverse @ F_p,
+        free=V[:, :, rank:],
+        open_loops=np.matvec(unreachable, residual),
+        slopes=unreachable @ F_p,
+    )

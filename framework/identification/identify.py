@@ -4,6 +4,13 @@ Base parameters are estimated by weighted least squares from the rows N' Y theta
 (`base_parameters`). Noise e of the torques is noise G' e of these rows, with G of `platform_wrench`. At a
 Type 2 singularity G' e has no component along the twist t_s of the escaping motion, and errors of the motion
 dominate there. So the noise of a row has a lower bound, which limits the row's weight.
+
+From the base parameters follow parameters of bodies that can exist, near the robot file's values. The misfit
+to the data is a quadratic form in all parameters. A prior keeps parameters that the data do not determine at
+the file's values. The pseudo-inertia of every body must be positive semidefinite (Wensing, Kim and Slotine,
+IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be
+negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides its
+parameters among the links.
 """
 
 from __future__ import annotations
@@ -13,45 +20,47 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from framework.errors import InvalidInput
+from framework.dynamics.body_parameters import pseudo_inertia
+from framework.errors import InvalidInput, NotConverged
 from framework.identification.base_parameters import (
     BaseParameters,
+    LinkParameters,
     ParameterRegressor,
     base_parameters,
-    parameter_regressor,
-)
-from framework.identification.measured_motion import MeasuredMotion, measured_motion
-from framework.identification.physical import (
-    LinkParameters,
     collect_link_parameters,
-    fit_possible_parameters,
+    parameter_regressor,
+    read_inertial_parameters,
     with_masses_and_motors,
+    write_inertial,
 )
-from framework.identification.recording import Recording, load_recording
+from framework.identification.combinations import merge_rows
+from framework.identification.measured_motion import MeasuredMotion, measured_motion
+from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
+from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
-HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording; every fourth is held out
-# An additional row with a small deviation keeps an undetermined base parameter near the file's value.
-UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one; largest ratio to the parameter's size
-LEAST_SPREAD = 1e-6  # smallest ratio to the parameter's size; its inverse square enters a matrix
-DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the sizes of each body's parameters
+# An additional row with a small deviation keeps an undetermined base parameter near the file's value. This is
+# the ratio of that deviation to the estimated one, and the largest ratio to the parameter's size. The
+# smallest ratio to the size is its square, as the inverse square of the deviation enters a matrix.
+UNSEEN_SPREAD = 1e-3
 
 
 class Rows(NamedTuple):
-    """Equations A theta = b with independent noise of one common size."""
+    """Equations A theta = b for the p parameters, with independent noise of one common size."""
 
-    matrix: Array  # (rows, p)
-    right: Array  # (rows,)
+    matrix: Array  # (rows, p) A
+    right: Array  # (rows,) b
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +98,7 @@ class Identification(ReadOnlyArrays):
     seconds: float
 
     @property
-    def undetermined(self) -> tuple[str, ...]:
+    def undetermined(self) -> Names:
         """Names of base parameters whose standard deviation exceeds their size."""
         return self._base_names(_find_undetermined(self.base, self.values, self.deviations))
 
@@ -99,12 +108,12 @@ class Identification(ReadOnlyArrays):
         return bool((self.link_values == self.links.values).all())
 
     @property
-    def changed(self) -> tuple[str, ...]:
+    def changed(self) -> Names:
         """Names of base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
-    def _base_names(self, mask: BoolArray) -> tuple[str, ...]:
+    def _base_names(self, mask: BoolArray) -> Names:
         """Return the names of the base parameters in a mask (rank,)."""
         return tuple(self.base.names[k] for k in np.flatnonzero(mask))
 
@@ -149,7 +158,7 @@ def identify(
     *,
     cutoff: float | None = None,
     poses: str | None = None,
-    prior: float = DEFAULT_PRIOR,
+    prior: float = 1.0,
     massless: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Identification:
@@ -182,11 +191,13 @@ def identify(
             f"{data.source}: {len(rows.right)} equations at {np.count_nonzero(~test)} instants for "
             f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
+
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
     links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
+
     error_before = torque_error(robot, regressor, measured, test, file)
     error_after = torque_error(robot, regressor, measured, test, parameters)
     if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
@@ -217,9 +228,9 @@ def _whiten(
 ) -> Rows:
     """Return the equations of the instants in a mask (T,), whitened by the noise of the torques.
 
-    If the torques have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
-    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
-    noise.
+    The equations are those of `ParameterRegressor`. If the torques have the standard deviations E, a diagonal
+    matrix, the wrench W = G' tau has the covariance G' E E G = V diag(variance) V'. Multiplied by
+    diag(variance)^(-1/2) V' the rows have independent unit noise.
     """
     scale = robot.platform_scale  # divides moments, so that they compare with forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
@@ -230,7 +241,7 @@ def _whiten(
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
     matrix = (weights @ regressor.matrix)[instants]  # (instants, n, p)
-    return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
+    return Rows(merge_rows(matrix), np.matvec(weights, wrench)[instants].ravel())
 
 
 def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
@@ -242,9 +253,10 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 
 
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the instants held out: every fourth block of time."""
+    """Return a mask (T,) of the instants held out: every fourth of 20 blocks of time."""
     share = (times - times[0]) / (times[-1] - times[0])
-    blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
+    count = 5 * HELD_OUT_EVERY  # of blocks
+    blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
@@ -292,7 +304,7 @@ def _fit_possible_bodies(
         prior: standard deviation of the file's values, over the sizes of each link's parameters.
     """
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
-    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
+    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
     prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
@@ -310,9 +322,12 @@ def torque_error(
 ) -> Array:
     """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
 
-    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. `instants` is a
-    mask (T,). Of these instants only those count at which G is well conditioned. If there are none, the
-    result is NaN.
+    The errors e of the measured torques tau solve G' e = W - G' tau, with the wrench W that the parameters
+    predict. Only those instants count at which G is well conditioned. If there are none, the result is NaN.
+
+    Args:
+        instants: mask (T,) of the instants to be predicted.
+        parameters: (p,) values of the parameters of `TorqueParameters`.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
@@ -327,3 +342,89 @@ def torque_error(
     error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (used, n_a)
     error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
     return error_size / np.maximum(torque_size, np.finfo(float).tiny)
+
+
+# ------------------------------------------------------------------ bodies that can exist
+
+
+def fit_possible_parameters(
+    robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
+) -> Array:
+    """Compute the most probable physically possible parameters (u,) of links and motors.
+
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with
+    T = `to_parameters`. Let theta = best + change y, where `best` is the unconstrained minimum and `change`
+    turns the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
+
+    Args:
+        information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
+        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+
+    Raises:
+        NotConverged: the solver does not converge.
+    """
+    best, change = _minimise_misfit(links, information, residual, prior * links.spread)
+
+    # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
+    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
+    motors = links.motor_slice
+    deviations = prior * links.spread[motors]
+    not_negative = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
+    y = semidefinite_least_squares(cones, not_negative)
+    if isinstance(y, Unsolved):
+        raise NotConverged(
+            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
+            residual=float(np.linalg.norm(residual)),
+        )
+
+    values = best + change @ y
+    values[motors] = np.maximum(values[motors], 0.0)  # against rounding
+    for part in links.link_slices:
+        if (values[part] != links.values[part]).any():
+            link = Element("link")
+            write_inertial(link, values[part])
+            values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
+    return values
+
+
+def _minimise_misfit(
+    links: LinkParameters, information: Array, residual: Array, deviation: Array
+) -> tuple[Array, Array]:
+    """Minimise misfit plus prior without constraints; return minimum (u,) and `change` (u, u).
+
+    For any y, misfit plus prior at the parameters minimum + change y exceeds its least value by |y|^2. In
+    units of the prior deviations (u,), with T = `to_parameters`, the quadratic form has the matrix
+    T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
+
+    Args:
+        information, residual: A'A (p, p) and A'r (p,), as in `fit_possible_parameters`.
+        deviation: (u,) prior standard deviations of the parameters.
+    """
+    T = links.to_parameters * deviation  # (p, u)
+    w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
+    root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
+    change = deviation[:, None] * V / root
+    return links.values + change @ (V.T @ (T.T @ residual) / root), change
+
+
+def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+
+    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
+    the values of the `file` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
+    the size of rounding are allowed.
+    """
+    D = _balancing_scale(file)
+    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
+    offset = D @ pseudo_inertia(best) @ D
+    return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
+
+
+def _balancing_scale(parameters: Array) -> Array:
+    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
+
+    P is the pseudo-inertia of parameters (10,).
+    """
+    diagonal = np.diag(pseudo_inertia(parameters))
+    largest = diagonal[:3].max() or diagonal[3]  # all moments of a point mass at the origin are zero
+    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))

@@ -31,13 +31,11 @@ from framework.numerics.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter; of the splines
-MIN_INSTANTS = 8
-MIN_SAMPLES = 64
+MIN_SAMPLES = 64  # of a recording
 SIGNAL_TO_NOISE = 10.0  # of a power spectrum; below this ratio a frequency counts as noise
 SMOOTHING_BINS = 9  # frequencies over which a power spectrum is averaged
 MAX_CUTOFF = 0.4  # over the sampling rate; 0.5 is the Nyquist frequency
-MIN_PERIODS = 8  # periods of the cutoff in a recording
-END_PERIODS = 1.0  # periods of the cutoff left out at either end
+MIN_PERIODS = 8  # periods of the cutoff in a recording; one is left out at either end
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,35 +82,35 @@ def measured_motion(
     period = uniform_period(data)
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    motor_joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
-    joints = _subtract_whole_turns(robot, motor_joints)
-    torque = _read_torques(robot, data)
-    low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
-    angles = low_pass.differentiate(joints)
-    instants = low_pass.choose_instants(data)
-    filtered_torque = low_pass.filter(torque)
-    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
+    joints = _read_motor_joints(robot, data)
+    torque = _read_torques(robot, data)
+    low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
+    instants = low_pass.choose_instants(len(data))
+    filtered_torque = low_pass.filter(torque)
+    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
+
+    filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a)
     source = poses or "motors"
     misfit = 0.0
     if source == "motors":
         try:
-            motion = _motion_of_motors(robot, [rows[instants] for rows in angles], progress)
+            motion = _motion_of_motors(robot, filtered_joints[:, instants], progress)
         except NotAssembled:  # by default fall back on the platform, if it was measured
             if poses == "motors" or not data.has("platform", robot.axis_names):
                 raise
             source = "platform"
     if source == "platform":
         x = low_pass.differentiate(data.columns("platform", robot.axis_names))
-        motion = _motion_of_platform(robot, [rows[instants] for rows in x])
-        misfit = _motor_misfit(robot, data.source, motion, angles[0][instants], instants)
+        motion = _motion_of_platform(robot, x[:, instants])
+        misfit = _motor_misfit(robot, data.source, motion, filtered_joints[0, instants], instants)
     return MeasuredMotion(
         source=source,
         cutoff=low_pass.cutoff,
         times=data.column("time")[instants],
         motion=motion,
-        signs=low_pass.filter(np.sign(angles[1]))[instants],
+        signs=low_pass.filter(np.sign(filtered_joints[1]))[instants],
         torque=filtered_torque[instants],
         torque_noise=torque_noise,
         motor_misfit=misfit,
@@ -130,11 +128,12 @@ def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
     return torque
 
 
-def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
-    """Subtract whole turns from the motors' joints (T, n_a).
+def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
+    """Return the motors' joints (samples, n_a) [rad, m], on the joint side of the gears.
 
-    The result starts within half a turn of the reference.
+    Whole turns are subtracted, so that each joint starts within half a turn of the reference.
     """
+    joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
@@ -142,14 +141,16 @@ def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
     """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
+    Args:
+        joints: (samples, n_a) positions of the motors' joints.
+        period: sampling period [s].
+
     Raises:
-        InvalidInput: the cutoff is outside the range that the recording allows, or this range is empty.
+        InvalidInput: the cutoff is outside the range that the recording allows.
     """
     lowest = MIN_PERIODS / (len(data) * period)
     highest = MAX_CUTOFF / period
     if cutoff is None:
-        if lowest > highest:
-            raise InvalidInput(f"{data.source}: {len(data)} samples are too few to filter")
         return float(np.clip(_signal_frequency(joints, period), lowest, highest))
     if not lowest <= cutoff <= highest:
         raise InvalidInput(f"cutoff: needs {lowest:.3g} to {highest:.3g} Hz for these data, got {cutoff:g}")
@@ -157,19 +158,19 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
 
 
 def _signal_frequency(joints: Array, period: float) -> float:
-    """Return the frequency [Hz] above which the spectra of all joints (T, n_a) are noise.
+    """Return the frequency [Hz] above which the spectra of all joints are noise.
 
-    The noise level of a joint is the median of the upper half of its smoothed power spectrum. The straight
-    line between the ends is subtracted from each signal, and a window is applied, so that the ends of the
-    recording add no high frequencies.
+    The joints (samples, n_a) are sampled with a period [s]. The noise level of a joint is the median of the
+    upper half of its smoothed power spectrum. The straight line between the ends is subtracted from each
+    signal, and a window is applied, so that the ends of the recording add no high frequencies.
     """
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
-    chord = np.linspace(joints[0], joints[-1], count)  # (T, n_a)
+    chord = np.linspace(joints[0], joints[-1], count)  # (samples, n_a)
     window = np.hanning(count)[:, None]
-    power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2
-    power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
+    raw_power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2  # (bins, n_a)
+    power = uniform_filter1d(raw_power, SMOOTHING_BINS, axis=0, mode="nearest")
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
@@ -190,36 +191,34 @@ class _LowPass(NamedTuple):
         padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
-    def differentiate(self, values: Array) -> list[Array]:
-        """Return filtered values (samples, k) and their first two time derivatives."""
+    def differentiate(self, values: Array) -> Array:
+        """Return filtered values (samples, k) and two time derivatives, (3, samples, k)."""
         from scipy.interpolate import make_interp_spline
 
         times = self.period * np.arange(len(values))
         spline = make_interp_spline(times, self.filter(values), k=SPLINE_DEGREE)
-        return [spline(times, order) for order in range(3)]
+        return np.array([spline(times, order) for order in range(3)])
 
-    def choose_instants(self, data: Recording) -> IntArray:
-        """Return indices (T,) of samples half a period of the cutoff apart, without the ends."""
+    def choose_instants(self, count: int) -> IntArray:
+        """Return indices (T,) of samples half a period of the cutoff apart, without the ends.
+
+        `count` is the number of samples.
+        """
         samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff frequency
-        margin = math.ceil(END_PERIODS * samples_per_period)
+        margin = math.ceil(samples_per_period)
         stride = max(round(0.5 * samples_per_period), 1)
-        instants = np.arange(margin, len(data) - margin, stride)
-        if len(instants) < MIN_INSTANTS:
-            raise InvalidInput(
-                f"{data.source}: {len(instants)} instants are left between the ends, at least "
-                f"{MIN_INSTANTS} are needed: record longer, or give a cutoff above {self.cutoff:.3g} Hz"
-            )
-        return instants
+        return np.arange(margin, count - margin, stride)
 
 
-def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
-    """Compute the motion of all joints from motor angles, rates and accelerations (T, n_a).
+def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[int], None]) -> Motion:
+    """Compute the motion of all joints from motor positions, rates and accelerations.
 
-    N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to motors. Then
-    v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift are the joint accelerations at zero
-    acceleration of the platform, drift_a those of the motors.
+    `joints` (3, T, n_a) are on the joint side of the gears, and `progress` is called with the number of poses
+    computed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
+    motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift are the joint
+    accelerations at zero acceleration of the platform, drift_a those of the motors.
     """
-    q_a, dq_a, ddq_a = angles
+    q_a, dq_a, ddq_a = joints
     q = _poses_of_motors(robot, q_a, progress)
     linearised = linearised_at(robot, q, None)
     _check_clearance(robot, q, linearised)
@@ -232,7 +231,10 @@ def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Calla
 
 
 def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
-    """Follow the motors' joints (T, n_a); return the poses (T, nq).
+    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq).
+
+    Args:
+        progress: called with the number of poses computed.
 
     Raises:
         Type2Singularity: the motors reach a singularity before the last instant.
@@ -248,7 +250,7 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
 
 
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Refuse motors that may pass a Type 2 singularity between two instants.
+    """Refuse motors that may pass a Type 2 singularity between two poses q (T, nq).
 
     Beyond a singularity motor angles do not determine the mode of the robot. A singularity is possible if the
     clearance, extrapolated linearly through two neighbouring instants, reaches zero at the instant after them
@@ -268,7 +270,12 @@ def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:
-    """Return the error for motors that pass Type 2 near q (nq,), after a share of the recording."""
+    """Return the error for motors that pass Type 2 near q (nq,) and platform coordinates x (n,).
+
+    Args:
+        residual: largest residual of the loop equations at q [m or rad].
+        share: share of the recording before the singularity.
+    """
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
         f"{robot.place(x)}, where they do not determine how the robot continues; the poses "
@@ -280,21 +287,24 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     )
 
 
-def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
-    """Compute the motion of all joints from platform x, dx, ddx (T, n)."""
+def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
+    """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n)."""
     x, dx, ddx = platform
-    poses = [assemble(robot, x[0]).q[None]]  # (1, nq) each
-    for row in x[:, None]:
-        poses.append(close_loops(robot, row, poses[-1]).q)  # from the previous pose
-    q = np.concatenate(poses[1:])
+    q = np.empty((len(x), robot.model.nq))
+    start = assemble(robot, x[0]).q[None]
+    for k in range(len(x)):
+        q[k] = start = close_loops(robot, x[k : k + 1], start).q  # from the previous pose
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
 def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
     """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
-    The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths. `samples` (T,)
-    are indices of the instants in the recording.
+    The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths.
+
+    Args:
+        source: name of the recording, for messages.
+        samples: (T,) indices of the instants in the recording.
 
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.

@@ -1,4 +1,4 @@
-"""Recorded motions: CSV files with the columns of motion.csv, read strictly.
+"""Recorded motions: CSV files with the columns of motion.csv, read strictly, and simulated sensors.
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
 for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
@@ -8,20 +8,25 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
+from framework.numerics.fields import not_negative, positive
 from framework.numerics.input import read_text
 from framework.numerics.rotations import whole_turns
+from framework.planning.motion_table import MAX_SAMPLES
+from framework.simulation.result import Simulation
+from framework.tolerances import SAME_PLACE
 
 LARGEST_RECORDING = 200_000_000  # bytes
-MIN_ROWS = 2
+HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
 PERIOD_JITTER = 1e-3  # largest deviation of a time step, over the sampling period
 LINEAR_AXES = ("x", "y", "z")
 
@@ -31,7 +36,7 @@ class Recording(ReadOnlyArrays):
     """Measured samples by column name, in SI units, on the motor side of the gears."""
 
     source: str  # named in error messages
-    names: tuple[str, ...]  # of the columns
+    names: Names  # of the columns
     values: Array  # (T, columns)
 
     def __len__(self) -> int:
@@ -66,11 +71,11 @@ class Recording(ReadOnlyArrays):
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
     def rows(self, index: slice | IntArray) -> Recording:
-        """Return the samples at an index."""
+        """Return the recording of the samples at an index or a slice."""
         return Recording(self.source, self.names, self.values[index])
 
 
-def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
+def recording_columns(robot: ParallelRobot) -> Names:
     """Return all column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
@@ -103,17 +108,28 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
+
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
-    if len(rows) < MIN_ROWS:
-        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least {MIN_ROWS} are needed")
+    if len(rows) < 2:
+        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
     recording = Recording(str(file), tuple(header[k] for k in used), np.array(rows))
     check_recording(robot, recording)
     return recording
 
 
 def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Read the numbers in the columns `used` of one row of cells."""
+    """Read the numbers in some columns of one row.
+
+    Args:
+        where: file and line, for messages.
+        header: names of all columns.
+        used: indices of the columns to be read.
+        cells: texts of the row.
+
+    Raises:
+        InvalidInput: another number of cells than columns; a cell that is not a finite number.
+    """
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
@@ -146,9 +162,10 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
             raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
+
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    is_measured = np.array([f"motor_angle_{joint}" in recording.names for joint in robot.actuator_names])
-    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])
+    is_measured = np.array([recording.has("motor_angle", [joint]) for joint in robot.actuator_names])
+    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])  # motors of hinges
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
     if len(turning) and _is_in_degrees(angles, start[turning]):
@@ -159,7 +176,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 
 
 def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Return whether angles (T, k) fit the reference `start` (k,) only as degrees.
+    """Return whether joint angles (T, k) fit the reference `start` (k,) only as degrees.
 
     This is so under three conditions: a first angle is more than half a turn away from the reference;
     conversion to radians brings the first angles nearer than subtraction of whole turns does; and all
@@ -192,3 +209,99 @@ def uniform_period(recording: Recording) -> float:
             f"{period:.6g} s on average; differentiation needs equal steps"
         )
     return period
+
+
+# ------------------------------------------------------------------ simulated sensors
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Noise (standard deviations) and resolution (steps) of sensors, on the motor side; 0 for none.
+
+    By default encoders have 16 bits per motor turn, or steps of a micrometre. Torques are known from motor
+    currents to 1 % of each motor's largest torque. A tracker measures the platform to 20 micrometres.
+    """
+
+    rate: float = 1000.0  # [Hz]
+    angle_noise: float = 0.0  # [rad or m]
+    angle_step: float = 2.0 * np.pi / 2**16  # [rad]
+    slide_step: float = 1e-6  # [m] of slides without a gear
+    torque_noise: float = 0.01  # share of the motor's largest torque
+    torque_step: float = 0.0  # share of the motor's largest torque
+    platform_noise: float = 2e-5  # [m]; for turns this is divided by the robot's length [rad]
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check that the rate is positive and all other values are not negative."""
+        for name, value in vars(self).items():
+            check = positive if name == "rate" else not_negative
+            check(f"sensors: {name}", value)
+
+
+def record_sensors(
+    simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
+) -> Recording:
+    """Sample a simulated motion with the errors of sensors.
+
+    The columns are time, motor angles, motor torques and platform.
+
+    Args:
+        torque: returns motor torques (T, n_a) [N m, N], motor side, at instants t (T,) [s]; for example
+            `plan.torque`.
+        sensors: errors of the sensors; by default those of `Sensors()`.
+
+    Raises:
+        InvalidInput: more than ten million samples.
+    """
+    sensors = sensors or Sensors()
+    robot = simulation.robot
+    random = np.random.default_rng(sensors.seed)
+    periods = simulation.duration * sensors.rate
+    count = int(periods * (1.0 + SAME_PLACE)) + 1  # with a sample at the end, despite rounding
+    if count > MAX_SAMPLES:
+        raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
+
+    times = np.arange(count) / sensors.rate
+    times[-1] = min(times[-1], simulation.duration)
+    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
+    torques = np.asarray(torque(times))
+    is_slide = np.array(robot.torque_units) == "N"  # without a gear
+    steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
+    largest = np.abs(torques).max(axis=0)
+    platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
+
+    columns = [
+        times[:, None],
+        _add_sensor_errors(random, angles, sensors.angle_noise, steps),
+        _add_sensor_errors(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
+        _add_sensor_errors(random, simulation.platform(times), platform_noise, 0.0),
+    ]
+    values = np.concatenate(columns, axis=1)
+    return Recording(f"sensors of {robot.name}", recording_columns(robot)[: values.shape[1]], values)
+
+
+def _add_sensor_errors(
+    random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
+) -> Array:
+    """Add normal noise to values (T, k), and round to multiples of a step.
+
+    Args:
+        noise: standard deviation, for each column or one for all.
+        step: resolution likewise; columns with a step of 0 are not rounded.
+    """
+    noisy = values + noise * random.standard_normal(values.shape)
+    has_step = np.asarray(step) > 0
+    divisor = np.where(has_step, step, 1.0)  # against 0 / 0
+    return np.where(has_step, np.round(noisy / divisor) * step, noisy)
+
+
+def make_sensors(properties: dict[str, float]) -> Sensors:
+    """Return sensors with properties by name, and defaults for the others.
+
+    Raises:
+        InvalidInput: an unknown name, or a value out of range.
+    """
+    for name in properties:
+        check_choice("property of --sensors", name, vars(Sensors()))
+    values: dict[str, Any] = {**properties, "seed": int(properties.get("seed", 0))}
+    return Sensors(**values)

@@ -1,12 +1,13 @@
-"""The facts that describe a plan, each a label and a text with units.
+"""The facts that describe a plan, each a label, a value and a unit.
 
-Each fact is a line of the printed plan and a row of the table in the HTML report. t_s is the twist of the
-platform that the motors do not control at a crossing, and W_p the wrench that the motion requires.
+The printed plan, the tables of the HTML report and the captions of films take their facts from here. t_s is
+the twist of the platform that the motors do not control at a crossing, and W_p the wrench that the motion
+requires.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +30,6 @@ CROSSING = (
     "its peak",
 )
 LOADED = "singular under its loads at s = {0.s:.9f}, {0.distance:.2g} {1} from there"
-CERTIFICATE = (
-    "tail {0.tail:.1e} on {0.nodes} nodes, {0.passes} {passes}{settled}, loops closed to "
-    "{0.max_closure_error:.1e}, joints in balance to {0.max_residual_torque:.1e} N m or N"
-)
 IDLE_TURNS = "{turns}; what nothing holds there: {0.max_held_torque:.1e} N m or N"
 ROUNDED = "loops that repeat others stay open by {0.rounded_gap:.1e} m or rad"
 MUCH_LEFT_OUT = (
@@ -50,10 +47,16 @@ OVERSHOOT = (
 
 
 class Fact(NamedTuple):
-    """A label and a text with units; an empty label continues the fact above."""
+    """A label, a value and its unit in words; an empty label continues the fact above."""
 
     label: str
-    text: str
+    value: str  # a number, or words with their units
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """The value with its unit."""
+        return f"{self.value} {self.unit}".rstrip()
 
     @property
     def line(self) -> str:
@@ -61,14 +64,21 @@ class Fact(NamedTuple):
         return f"  {self.label:<16}  {self.text}"
 
 
+def join_facts(facts: Iterable[Fact]) -> str:
+    """Return facts as one phrase, each with its label."""
+    return ", ".join(f"{fact.label} {fact.text}" for fact in facts)
+
+
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts about the motion of a plan, the certificate, effects left out, and warnings."""
-    facts = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
-    facts += _crossing_facts(plan)
-    facts.append(Fact("peak torque", torque_text(plan.robot, plan.peak_torque)))
-    facts += _certificate_facts(plan)
-    facts += [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    return facts + _warning_facts(plan)
+    """Return the facts about the motion of a plan, the certificate and the faults.
+
+    The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
+    """
+    wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
+    torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
+    left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
+    proof, warnings = _proof_facts(plan), _warning_facts(plan)
+    return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
@@ -82,6 +92,12 @@ def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
     return [Fact("smoothed", text)]
 
 
+def torque_facts(robot: ParallelRobot, torques: Iterable[float], digits: int = 6) -> list[Fact]:
+    """Return the torque [N m, N] of each motor, to a number of significant digits."""
+    motors = zip(robot.actuator_names, torques, robot.torque_units, strict=True)
+    return [Fact(joint, f"{torque:.{digits}g}", unit) for joint, torque, unit in motors]
+
+
 def torque_text(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -> str:
     """Return the torques of motors with their units, in words.
 
@@ -89,8 +105,7 @@ def torque_text(robot: ParallelRobot, torques: Mapping[str, float], digits: int 
         torques: [N m, N] of all motors by joint, in the order of the robot's motors.
         digits: significant digits.
     """
-    units = zip(torques.items(), robot.torque_units, strict=True)
-    return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
+    return join_facts(torque_facts(robot, torques.values(), digits))
 
 
 def twist_text(robot: ParallelRobot, twist: Array) -> str:
@@ -148,15 +163,28 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
     return facts or [Fact("crossing", "none")]
 
 
-def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts of the certificate, with idle turns and rounded loops if any."""
-    robot, certificate = plan.robot, plan.certificate
-    is_deformed = plan.geometry == "deformed"
-    settled = f", deflections settled to {certificate.change:.1e}" if is_deformed else ""
-    passes = "pass" if certificate.passes == 1 else "passes"
-    facts = [Fact("certificate", CERTIFICATE.format(certificate, passes=passes, settled=settled))]
+def certificate_facts(plan: CrossingPlan) -> list[Fact]:
+    """Return the numbers that prove the torques of a plan."""
+    certificate = plan.certificate
+    facts = [
+        Fact("tail", f"{certificate.tail:.1e}"),
+        Fact("nodes", f"{certificate.nodes}"),
+        Fact("passes", f"{certificate.passes}"),
+        Fact("loops closed to", f"{certificate.max_closure_error:.1e}", "m or rad"),
+        Fact("joints in balance to", f"{certificate.max_residual_torque:.1e}", "N m or N"),
+        Fact("speed at the ends", f"{certificate.end_speed:.1e}", "of the largest"),
+    ]
+    if plan.geometry == "deformed":
+        facts.append(Fact("deflections settled to", f"{certificate.change:.1e}"))
+    return facts
+
+
+def _proof_facts(plan: CrossingPlan) -> list[Fact]:
+    """Return the certificate as one fact, with idle turns and rounded loops if any."""
+    certificate = plan.certificate
+    facts = [Fact("certificate", join_facts(certificate_facts(plan)))]
     if certificate.max_held_torque:
-        facts.append(Fact("idle turns", IDLE_TURNS.format(certificate, turns=_idle_turns(robot))))
+        facts.append(Fact("idle turns", IDLE_TURNS.format(certificate, turns=_idle_turns(plan.robot))))
     if certificate.rounded_gap:
         facts.append(Fact("rounded", ROUNDED.format(certificate)))
     return facts

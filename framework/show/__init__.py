@@ -3,25 +3,23 @@
 No other package imports matplotlib or MeshCat. This one draws results and computes none.
 
 What is shown
-    film                a motion sampled in time: poses, torques, distance to the singularity
+    film                a motion sampled in time: poses, torques, distance to the singularity; torque limits
     captions            sentences about a film
     shapes              the solids of a robot and of its motors
     sight               the direction of view that shows most of a robot
 
 Figures
     style               the look of all figures
-    plots               torques, law, phase plane and certificate of a plan
-    force_polygon       forces along t_s at a crossing: available from the motors, and needed by the motion
-    map, locus_figures  maps over the workspace, as figures and as a page; the singular locus
+    plots               torques, law, phase plane and certificate of a plan; the eye of the needle
+    map                 maps over the workspace, as figures and as a page; the singular locus
     study_figures       one figure for each study: dimensions, fidelity, robustness
-    drawing, still      a robot, and a scene, as a picture
+    drawing             a robot, and one frame of a film, as a picture
     moving              pictures and animated GIFs as files
 
 Pages
     scene               a film as a JSON document
-    standalone          any page in one file, with its scripts, styles and data
-    page, page/         pages on which robots move
-    jogging, server     a robot moved by hand: replies to the page, and the server that sends them
+    page, page/         a page in one file, with its scripts, styles and data; pages on which robots move
+    jogging             a robot moved by hand: replies to its page, and the server that sends them
     report              the report of a plan, with the call that repeats the plan
     lesson              a page on which readers try condition (8) by hand
     jupyter             pictures of robots and plans in notebooks

@@ -9,6 +9,7 @@ from framework.dynamics.result import SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.output import select_fields
+from framework.planning.plan_facts import certificate_facts, torque_facts
 from framework.planning.result import CrossingPlan
 from framework.planning.scenes import scene_path
 from framework.show.film import Film
@@ -17,9 +18,8 @@ from framework.show.film import Film
 NEGLIGIBLE_SHARE = 1e-3
 
 PROVEN = (
-    "Proven: the torque is finite at all times. Its series on {0.nodes} nodes leaves out {0.tail:.0e} of it; "
-    "an unbounded torque would leave 1e-3 of it or more. The loops stay closed to {0.max_closure_error:.0e} "
-    "(m or rad)."
+    "Proven: the torque is finite at all times. Its series on {nodes} nodes leaves out {tail} of it; an "
+    "unbounded torque would leave 1e-3 of it or more. The loops stay closed to {loops closed to}."
 )
 
 
@@ -141,7 +141,9 @@ def _is_coasting(film: Film, instant: SingularityCrossing) -> bool:
 
 def describe_proof(film: Film) -> str:
     """State the proof that a plan's torque is finite, with numbers; empty without a plan."""
-    return "" if film.plan is None else PROVEN.format(film.plan.certificate)
+    if film.plan is None:
+        return ""
+    return PROVEN.format_map({fact.label: fact.text for fact in certificate_facts(film.plan)})
 
 
 def describe_flexibility(film: Film) -> str:
@@ -155,9 +157,8 @@ def describe_flexibility(film: Film) -> str:
 def _describe_peak(film: Film) -> str:
     """State the largest motor torque of a film."""
     peaks = np.abs(film.torque).max(axis=0)
-    strongest = np.argmax(peaks)
-    size = f"{peaks[strongest]:.3g} {film.robot.torque_units[strongest]}"
-    return f"Peak torque {size} ({describe_flexibility(film)})."
+    strongest = torque_facts(film.robot, peaks, 3)[peaks.argmax()]
+    return f"Peak torque {strongest.text} ({describe_flexibility(film)})."
 
 
 def _relative_wrench(film: Film, instant: SingularityCrossing) -> float:

@@ -6,6 +6,7 @@ film whose `proved` is true may claim that its torques are finite.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from framework.dynamics.finite_differences import finite_difference_torques
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import wrench_curves
@@ -35,6 +37,7 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 
 FILM_FRAMES = 481
+UNPROVED_TORQUE_RATIO = 2.5  # largest unproved torque drawn, over the usual torque away from its pole
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,3 +181,49 @@ def _frame_times(plan: CrossingPlan) -> Array:
     for crossing in plan.dynamics.crossings:
         times[np.argmin(np.abs(times - crossing.time))] = crossing.time
     return times
+
+
+# ------------------------------------------------------------------ torque limits of pictures
+
+
+def film_limit(film: Film, films: Sequence[Film]) -> Array:
+    """Return the torque limits (n_a,) of a film's picture, common to films with its motors."""
+    alike = films_with_motors_of(film, films)
+    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
+    return limit_for_picture(film.robot, np.array(proved or [largest_drawn_torque(film)]))
+
+
+def films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
+    """Return the films whose robots have the same motors."""
+    return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
+
+
+def largest_drawn_torque(film: Film) -> float:
+    """Return the largest torque to draw; the poles of an unproved motion are cut off."""
+    return float(np.abs(film.torque).max()) if film.proved else cut_off_poles(film.torque)
+
+
+def cut_off_poles(torque: Array) -> float:
+    """Return the largest torque to draw of samples (T, n_a) with poles.
+
+    The height of the spikes at poles depends on the sampling alone.
+    """
+    peaks = np.abs(torque).max(axis=1)  # (T,)
+    peaks[np.isnan(peaks)] = np.inf
+    usual = float(np.quantile(peaks, 0.8))
+    return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
+
+
+def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
+    """Return the torque limits (n_a,) [N m] drawn beside torques (T, n_a).
+
+    They are those of the robot file. A motor without one gets 1.5 times the largest finite torque.
+    """
+    peak = np.abs(torque[np.isfinite(torque)]).max(initial=0.0)
+    limits = motor_limits(robot, "torque_limit", None)
+    return np.where(np.isfinite(limits), limits, 1.5 * peak or 1.0)
+
+
+def peak_torque(films: Sequence[Film]) -> float:
+    """Return the largest torque of the proved films; 0 if none is proved."""
+    return max((float(np.abs(film.torque).max()) for film in films if film.proved), default=0.0)

@@ -22,8 +22,8 @@ from framework.planning.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, Plan
 from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name, why_singular
 from framework.show.drawing import project_faces
+from framework.show.page import page_part, standalone_page
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.standalone import page_part, standalone_page
 from framework.singularity.drawn_locus import locus_curves
 
 NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, tried until their tails are small

@@ -1,6 +1,7 @@
-"""Maps of a robot over its workspace: bright is good, grey not reached, purple singular.
+"""Maps of a robot over its workspace, and its singular locus alone.
 
-They are figures, or a page that shows the values of the pose under the pointer: one file, nothing fetched.
+On a map bright is good, grey not reached, purple singular. Maps are figures, or a page that shows the values
+of the pose under the pointer: one file, nothing fetched.
 """
 
 from __future__ import annotations
@@ -18,26 +19,39 @@ from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from framework.atlas.nonsingular_mode_change import AssemblyModeChange
 from framework.atlas.quantities import Quantity, quantity_unit
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.errors import InvalidInput
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.output import Document, select_fields
+from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name
+from framework.show.page import page_part, standalone_page
 from framework.show.plots import save_figure
-from framework.show.standalone import encode_array, page_part, standalone_page
+from framework.show.scene import encode_array
 from framework.show.style import (
     AXIS,
     BEYOND,
+    COLORS,
     COLUMN_WIDTH,
+    CROSSING,
     LOCUS,
     NOT_CARRIED,
     PATH,
     UNREACHED,
     Style,
     draw_curves,
+    draw_dot,
+    ensure_axes,
+    line_style,
 )
+from framework.singularity.drawn_locus import locus_curves
+from framework.singularity.traced_locus import TracedLocus
 from framework.tolerances import SAME_PLACE
 
 # Both palettes are legible in grey, and without telling red from green.
@@ -297,3 +311,77 @@ def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -
 def _rgb_values(colour: str) -> list[int]:
     """Return red, green and blue (0..255) of a colour #rrggbb."""
     return list(bytes.fromhex(colour[1:]))
+
+
+# ------------------------------------------------------------------ the singular locus alone
+
+
+def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
+    """Plot the singular locus over the plane of the platform, with a plan's path.
+
+    The locus is that of the reference's working mode, with springs at rest.
+
+    Raises:
+        InvalidInput: the platform has not exactly two translations, or the motors are redundant.
+        NotAssembled: the loops do not close at the reference.
+    """
+    reference = assemble(robot)
+    locus = locus_curves(robot, reference.q, reference.x)
+    if locus is None:
+        raise InvalidInput(
+            f"{robot.name}: a map needs a platform with two translations and a motor for each of its axes, "
+            f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
+        )
+    axes = list(locus.axes)
+    ax = ensure_axes(ax, 3.2)
+    draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
+    if plan is None:
+        ax.plot(*reference.x[axes], "+", color=CROSSING, markersize=6, label="reference")
+    else:
+        _draw_from_dot(ax, plan.path(np.linspace(0.0, 1.0, 201))[:, axes], "path")
+        for crossing in plan.crossings:
+            draw_dot(ax, *crossing.platform[axes])
+    ax.set_aspect("equal")
+    return _label_axes(ax, [f"{robot.axis_names[k]}  [m]" for k in axes])
+
+
+def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = None) -> Axes:
+    """Plot the locus over two free motors, with its cusps and a change of mode.
+
+    Raises:
+        InvalidInput: the locus was traced over coordinates of the platform.
+    """
+    robot = locus.robot
+    if locus.free[0] not in robot.actuator_names:
+        raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
+    free = [robot.actuator_names.index(name) for name in locus.free]
+    ax = ensure_axes(None, 3.2)
+    curves = [curve.motors[:, free] for curve in locus.curves if curve.kind == "type_2"]
+    draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4)
+    cusps = [cusp.motors[free] for cusp in locus.cusps]
+    draw_curves(ax, cusps, "cusp", color=CROSSING, marker="o", linestyle="", markersize=4, zorder=3)
+    if change is not None:
+        line = change.motors[:, free]
+        _draw_from_dot(ax, line, "to another mode")
+        ax.set(xlim=_range_about(line[:, 0]), ylim=_range_about(line[:, 1]))
+    return _label_axes(ax, [f"{robot.actuator_names[k]}  [{robot.motor_joint_units[k]}]" for k in free])
+
+
+def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
+    """Draw a line (m, 2), with a dot at its start."""
+    ax.plot(*line.T, label=label, **line_style(0))
+    ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
+
+
+def _label_axes(ax: Axes, labels: list[str]) -> Axes:
+    """Label both axes, and put the legend above; return the axes."""
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return ax
+
+
+def _range_about(values: Array) -> tuple[float, float]:
+    """Return the limits of an axis about values (m,), four times as wide as their range."""
+    middle = 0.5 * (values.min() + values.max())
+    half = 2.0 * max(np.ptp(values), 1e-6)  # not empty where all values are the same
+    return middle - half, middle + half

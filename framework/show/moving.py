@@ -17,11 +17,9 @@ from PIL import Image
 from framework.errors import check_choice
 from framework.numerics.arrays import Array
 from framework.show.captions import describe_film_briefly
-from framework.show.film import Film
-from framework.show.force_polygon import MISSES, THREADS, plot_eyes, twist_at_singularity
-from framework.show.plots import draw_torques
-from framework.show.scene import film_limit
-from framework.show.still import plot_still
+from framework.show.drawing import plot_still
+from framework.show.film import Film, film_limit
+from framework.show.plots import MISSES, THREADS, draw_torques, plot_eyes, twist_at_singularity
 from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60
@@ -119,10 +117,11 @@ def _render(stage: _Scene, times: Array) -> list[Image.Image]:
 
 
 class _Mark(NamedTuple):
-    """A part of a picture that changes with time."""
+    """A part of a picture that changes with time, up to the end of its film."""
 
     artist: Artist
-    move: Callable[[float], object]  # takes the instant [s]
+    end: float  # [s]
+    move: Callable[[float], object]  # takes the instant [s], at most `end`
 
 
 class _Scene(NamedTuple):
@@ -135,7 +134,7 @@ class _Scene(NamedTuple):
     def move(self, t: float) -> None:
         """Move all marks to an instant t [s]."""
         for mark in self.marks:
-            mark.move(t)
+            mark.move(min(t, mark.end))
 
 
 def _scene_of_one_film(films: Sequence[Film]) -> _Scene:
@@ -169,14 +168,14 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
 
 
 def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
-    """Return the mark that draws the robot at an instant, no later than its film's end."""
+    """Return the mark that draws the robot at an instant."""
     end = _end_time(film)
 
     def draw(t: float) -> None:
         """Draw the robot at instant t [s], in place of the one drawn before."""
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
-        plot_still(film, ax, frame=film.frame_at(min(t, end)), limit=limit)
+        plot_still(film, ax, frame=film.frame_at(t), limit=limit)
         if limit is None:  # several films have titles in place of legends
             if ax.legend_ is not None:
                 ax.legend_.remove()
@@ -186,7 +185,7 @@ def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
             ax.set_title(title, color=ALARM if ends else "black", fontsize=8, y=1.0)
             ax.set_axis_off()
 
-    return _Mark(ax, draw)
+    return _Mark(ax, end, draw)
 
 
 def _end_time(film: Film) -> float:
@@ -197,8 +196,7 @@ def _end_time(film: Film) -> float:
 def _time_mark(film: Film, ax: Axes) -> _Mark:
     """Return the mark of an upright line at the instant."""
     line = ax.axvline(0.0, color="black", linewidth=0.8)
-    end = _end_time(film)
-    return _Mark(line, lambda t: line.set_xdata([min(t, end)] * 2))
+    return _Mark(line, _end_time(film), lambda t: line.set_xdata([t, t]))
 
 
 def _film_to_draw(films: Sequence[Film]) -> Film:
@@ -220,15 +218,13 @@ def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Return the mark of a dot on a film's curve in the eye, up to the film's end."""
+    """Return the mark of a dot on a film's curve in the eye."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
-    end = _end_time(film)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
 
     def move(t: float) -> None:
         """Move the dot to instant t [s]."""
-        instant = min(t, end)
-        dot.set_data([np.interp(instant, film.time, s)], [np.interp(instant, film.time, demand)])
+        dot.set_data([np.interp(t, film.time, s)], [np.interp(t, film.time, demand)])
 
-    return _Mark(dot, move)
+    return _Mark(dot, _end_time(film), move)

@@ -1,24 +1,29 @@
-"""Pages on which robots move in three dimensions: films, and robots moved by hand.
+"""Pages in one file that fetch nothing and work offline: `standalone_page` makes any of them.
 
-The viewer is the JavaScript of the installed `meshcat` package, copied into each page.
+The others are pages on which robots move in three dimensions: films, and robots moved by hand. Their
+viewer is the JavaScript of the installed `meshcat` package, copied into each page.
 """
 
 from __future__ import annotations
 
 import html
+import json
 from collections.abc import Sequence
 from functools import cache
+from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from string import Template
+from typing import Any
 
 from framework.errors import MissingPackage
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import Document
+from framework.numerics.output import Document, plain
 from framework.show.captions import display_name
 from framework.show.film import Film
 from framework.show.jogging import hand_document
 from framework.show.scene import film_documents
-from framework.show.standalone import page_part, standalone_page
+from framework.show.style import page_colors
 
 SCRIPTS = (
     "shapes.js",
@@ -91,3 +96,40 @@ def _viewer_html() -> str:
         licences=licences.replace("--", "- -"),
         script=script.replace("</script", "<\\/script"),
     )
+
+
+# ------------------------------------------------------------------ any page
+
+
+def standalone_page(
+    title: str, body: str, data: object, *, styles: Sequence[str], scripts: Sequence[str], library: str = ""
+) -> str:
+    """Return a page (HTML) with styles, scripts and data inline.
+
+    Args:
+        title: plain text.
+        body: HTML.
+        data: for the scripts, which read it as JSON from the element `document`.
+        styles, scripts: names of files in framework/show/page, in addition to those that all pages share.
+        library: HTML in front of the scripts.
+    """
+    return page_part(
+        "page.html",
+        title=html.escape(title),
+        style="\n".join([page_colors(), *map(_read_asset, ("shared.css", *styles))]),
+        body=body,
+        library=library,
+        document=json.dumps(plain(data), allow_nan=False).replace("<", "\\u003c"),
+        script="\n".join(map(_read_asset, ("shared.js", *scripts))),
+    )
+
+
+def page_part(name: str, **texts: Any) -> str:
+    """Fill the placeholders of a file of framework/show/page with HTML."""
+    return Template(_read_asset(name)).substitute(texts)
+
+
+@cache
+def _read_asset(name: str) -> str:
+    """Read a file of framework/show/page."""
+    return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

@@ -1,4 +1,10 @@
-"""Figures of a plan. Each function draws on axes that it takes or makes, and returns them."""
+"""Figures of a plan. Each function draws on axes that it takes or makes, and returns them.
+
+One of them is the eye of the needle, `plot_eyes`: the force along t_s that the motors can give, and the force
+that a motion needs. At the singular instant the band of forces that the motors can give closes to a point,
+whatever their limits. A motion passes only through this point, t_s . W = 0: condition (8) of Briot and
+Arakelian, 2010.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +16,21 @@ from matplotlib.axes import Axes
 
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.wrench import measure_at_rest, wrench_along
+from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives
 from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.request import specification_of
 from framework.planning.result import CrossingPlan
-from framework.show.captions import display_name, wrench_unit
-from framework.show.film import Film, film_plan
-from framework.show.force_polygon import limit_for_picture, plot_eyes
-from framework.show.scene import UNPROVED_TORQUE_RATIO
-from framework.show.still import plot_still
+from framework.show.captions import describe_motors, display_name, wrench_unit
+from framework.show.drawing import plot_still
+from framework.show.film import Film, cut_off_poles, film_plan, limit_for_picture, peak_torque
 from framework.show.style import (
     ALARM,
     BAND,
+    GOOD,
+    LOCUS,
     Style,
     draw_dashed,
     draw_dot,
@@ -66,18 +73,16 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
-    ax = ensure_axes(ax)
-    times = _sample_times(plan)
+    ax, times = ensure_axes(ax), _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).torque_limit)
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the speed of each motor over time, motor side, with its limits."""
-    ax, robot = ensure_axes(ax), plan.robot
-    times = _sample_times(plan)
-    _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
-    return _draw_limits(plan, ax, specification_of(robot, plan.request).speed_limit)
+    ax, times = ensure_axes(ax), _sample_times(plan)
+    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, 1), "speed", plan.robot.speed_units)
+    return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).speed_limit)
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
@@ -233,14 +238,12 @@ def plot_raw_torques(
     """Plot torques of a raw sampling, with the instants [s] of unbounded torque."""
     ax = ensure_axes(ax)
     draw_torques(ax, robot, raw.time, raw.torque)
-    peaks = np.abs(raw.torque).max(axis=1)
-    peaks = peaks[np.isfinite(peaks)]
-    if len(poles) and peaks.size:  # spikes are cut off: their height depends on the sampling alone
-        top = UNPROVED_TORQUE_RATIO * np.quantile(peaks, 0.8)
+    if len(poles):
+        top = cut_off_poles(raw.torque)
         ax.set_ylim(-top, top)
-        for pole in poles:
-            draw_dashed(ax, pole, ALARM, 0.8)
-            ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
+    for pole in poles:
+        draw_dashed(ax, pole, ALARM, 0.8)
+        ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
 
@@ -307,3 +310,70 @@ def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
     """Draw a dashed line at each crossing of the plan."""
     for crossing in plan.crossings:
         draw_dashed(ax, crossing.time)
+
+
+# ------------------------------------------------------------------ the eye of the needle
+
+
+SHOWN_PATH_SHARE = 0.3  # share of the path that is drawn on either side of the singular point
+# colour and dash of a motion, mark at its singular instant, verdict
+THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
+
+
+def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
+    """Plot over s the forces that motions along one path need, within the motors' band.
+
+    All forces are along t_s at the first film's singular instant, and count the rotors.
+
+    Args:
+        films: of one robot and one path, each with a singular instant.
+        limit: torque limits (n_a,) [N m], motor side.
+
+    Raises:
+        InvalidInput: a film has no singular instant, or there are several robots or paths.
+    """
+    _check_one_path(films)
+    first = films[0]
+    ax = ensure_axes(ax)
+    twist = twist_at_singularity(films)
+    s, s_singular = first.law(first.time), first.instants[0].s
+    reach = first.motors.reach(twist, limit)
+    motors = describe_motors(first.robot, limit, peak_torque(films))
+    ax.fill_between(s, -reach, reach, **BAND, label=f"what {motors} can give")
+    low, high = np.clip([s_singular - SHOWN_PATH_SHARE, s_singular + SHOWN_PATH_SHARE], 0.0, 1.0)
+    top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
+    draw_dashed(ax, s_singular, LOCUS, 0.8)
+    ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
+    kind, unit = ("force along", "N") if np.any(twist[first.robot.translations]) else ("torque about", "N m")
+    ax.set(xlabel="position on the path  $s$  (dashed: singular)")
+    ax.set_ylabel(rf"{kind} $\mathbf{{t}}_s$  [{unit}]")
+    legend_above(ax)
+    return ax
+
+
+def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
+    """Draw the force along t_s that a film needs; return its peak within `s_range`."""
+    s, demand = film.law(film.time), film.motors.force_along(twist)  # (F,)
+    s_singular = film.instants[0].s
+    color, dash, dot, verdict = THREADS if film.proved else MISSES
+    label = f"{film.name or 'the motion'} asks: {verdict}"
+    ax.plot(s, demand, dash, color=color, linewidth=1.6, label=label)
+    ax.plot(s_singular, np.interp(s_singular, s, demand), dot, color=color, markersize=5, zorder=4)
+    low, high = s_range
+    return float(np.abs(demand[(low <= s) & (s <= high)]).max())
+
+
+def _check_one_path(films: Sequence[Film]) -> None:
+    """Refuse films of several robots or paths, or without a singular instant."""
+    first = films[0]
+    for film in films:
+        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
+
+
+def twist_at_singularity(films: Sequence[Film]) -> Array:
+    """Return t_s (n,) at the singular instant of the first film."""
+    first = films[0]
+    return first.t_s[first.key_frame]

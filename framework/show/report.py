@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import fields
 from datetime import date
 from html import escape
@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.errors import point
 from framework.numerics.output import package_versions
-from framework.planning.plan_facts import motion_facts
+from framework.planning.plan_facts import Fact, certificate_facts, motion_facts
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import robot_name_or_file
@@ -52,15 +52,6 @@ COMPUTED = (
 CONDITION = (
     "{1.alpha:.6g} s″ {1.beta:+.6g} s′² {1.delta:+.6g} s′ {1.gamma:+.6g} = t_s · W_p = 0 at t = {0:.6g} s"
 )
-CERTIFIED = {  # texts about the numbers of a certificate, by the format of the number
-    "{0.nodes:g}": "nodes of the series",
-    "{0.tail:.1e}": "what the series leaves out",
-    "{0.max_closure_error:.1e}": "loops open by [m, rad]",
-    "{0.max_residual_torque:.1e}": "joints out of balance by [N m, N]",
-    "{0.max_held_torque:.1e}": "idle joints held by [N m, N]",
-    "{0.change:.1e}": "change of the deflections",
-    "{0.end_speed:.1e}": "speed at the ends",
-}
 MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 
 
@@ -68,19 +59,16 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     """Return the report of a plan (HTML) in one file; `name` is the scene's title."""
     film = film_plan(plan, name=name)
     heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
-    body = "\n".join(
-        [
-            '<div class="report">',
-            scene_part(heading, FILM_LEAD),
-            _section_html("What happens", _motion_html(film) + _table_html(motion_facts(plan))),
-            _section_html("Figures", _figures_html(plan, film)),
-            _section_html("The law", _law_html(plan)),
-            _section_html("The certificate", _certificate_html(plan)),
-            _section_html("Parameters", _parameters_html(plan)),
-            _section_html("How to reproduce it", _reproduction_html(plan)),
-            "</div>",
-        ]
-    )
+    contents = {
+        "What happens": _motion_html(film) + _table_html(motion_facts(plan)),
+        "Figures": _figures_html(plan, film),
+        "The law": _law_html(plan),
+        "The certificate": _certificate_html(plan),
+        "Parameters": _parameters_html(plan),
+        "How to reproduce it": _reproduction_html(plan),
+    }
+    sections = [f"<section><h2>{title}</h2>\n{content}</section>" for title, content in contents.items()]
+    body = "\n".join(['<div class="report">', scene_part(heading, FILM_LEAD), *sections, "</div>"])
     return whole_page(heading, body, film_documents([film]))
 
 
@@ -92,18 +80,13 @@ def _describe_plan(plan: CrossingPlan) -> str:
     return f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
 
 
-def _section_html(title: str, content: str) -> str:
-    """Return a section (HTML) with a title in plain text."""
-    return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
-
-
 def _mark_indices(text: str) -> str:
     """Convert plain text to HTML, with the indices of t_s and W_p below the line."""
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
-def _table_html(rows: Iterable[Sequence[str]]) -> str:
-    """Return a table (HTML) of plain texts."""
+def _table_html(rows: Iterable[Fact]) -> str:
+    """Return a table (HTML) of facts, a row each."""
     lines = []
     for row in rows:
         cells = "".join(f"<td>{_mark_indices(cell)}</td>" for cell in row)
@@ -146,17 +129,16 @@ def _law_html(plan: CrossingPlan) -> str:
 
 def _certificate_html(plan: CrossingPlan) -> str:
     """Return the proof, condition (8) at each crossing, and the certificate's numbers."""
-    rows = [
-        ("condition (8)", CONDITION.format(crossing.time, crossing.condition))
+    conditions = [
+        Fact("condition (8)", CONDITION.format(crossing.time, crossing.condition))
         for crossing in plan.crossings
         if crossing.condition is not None
     ]
-    rows += [(text, form.format(plan.certificate)) for form, text in CERTIFIED.items()]
     sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
     if plan.robot.n_e:
         sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
     sentences += [ADVANCES if plan.certificate.monotone else OVERSHOOTS, COMPUTED]
-    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html(rows)
+    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html(conditions + certificate_facts(plan))
 
 
 def _parameters_html(plan: CrossingPlan) -> str:
@@ -166,15 +148,15 @@ def _parameters_html(plan: CrossingPlan) -> str:
     options.pop("wrenches", None)  # the facts of the motion have them
     requested = [f"{key} {_format_value(value)}" for key, value in options.items()]
     rows = [
-        ("robot", f"{robot.name} ({description.file.name})"),
-        ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
-        ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
-        ("path", repr(plan.path)),
-        ("duration", f"{plan.duration:g} s"),
-        ("asked for", ", ".join(requested)),
-        ("law", f"{plan.law.kind}: {plan.reason}"),
-        ("gravity", f"{point(description.gravity)} m/s²"),
-        ("mass", f"{robot.mass:.6g} kg in moving parts"),
+        Fact("robot", f"{robot.name} ({description.file.name})"),
+        Fact("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
+        Fact("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
+        Fact("path", repr(plan.path)),
+        Fact("duration", f"{plan.duration:g}", "s"),
+        Fact("asked for", ", ".join(requested)),
+        Fact("law", f"{plan.law.kind}: {plan.reason}"),
+        Fact("gravity", point(description.gravity), "m/s²"),
+        Fact("mass", f"{robot.mass:.6g}", "kg in moving parts"),
     ]
     for actuator in description.actuators:
         motor = MOTOR.format(actuator)
@@ -182,10 +164,10 @@ def _parameters_html(plan: CrossingPlan) -> str:
             motor += f", torque limit {actuator.torque_limit:g}"
         if actuator.speed_limit is not None:
             motor += f", speed limit {actuator.speed_limit:g} rad/s"
-        rows.append((f"motor {actuator.joint}", motor))
+        rows.append(Fact(f"motor {actuator.joint}", motor))
     slides = robot.sliding[robot.elastic]
     for name, stiffness, slide in zip(robot.elastic_names, robot.stiffness, slides, strict=True):
-        rows.append((f"spring {name}", f"{stiffness:g} {'N/m' if slide else 'N m/rad'}"))
+        rows.append(Fact(f"spring {name}", f"{stiffness:g}", "N/m" if slide else "N m/rad"))
     return _table_html(rows)
 
 

@@ -6,6 +6,7 @@ a micrometre. The page (framework/show/page) draws this document and computes no
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,23 +35,30 @@ from framework.show.captions import (
     wrench_kind,
     wrench_unit,
 )
-from framework.show.film import Film
-from framework.show.force_polygon import limit_for_picture, peak_torque
+from framework.show.film import Film, film_limit, films_with_motors_of, largest_drawn_torque, peak_torque
 from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Sight, film_sight, tilt_direction
-from framework.show.standalone import encode_array
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
-UNPROVED_TORQUE_RATIO = 2.5  # largest unproved torque drawn, over the usual torque away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
 LOCUS_MARGIN = 0.9  # largest distance of the drawn locus from the path, in lengths of the robot
 
 Traced = list[tuple[RobotDescription, LocusCurves]]  # curves with the robot for which they were traced
 
 
+def encode_array(values: np.ndarray) -> str:
+    """Encode an array for the scripts, as base64 of its rows."""
+    return base64.b64encode(values.tobytes()).decode("ascii")
+
+
 def encode_floats(values: ArrayLike) -> str:
     """Encode an array as float32 for the page."""
     return encode_array(np.asarray(values, dtype="<f4"))
+
+
+def encode_each(**arrays: ArrayLike) -> Document:
+    """Encode arrays as float32 for the page, by name."""
+    return {name: encode_floats(values) for name, values in arrays.items()}
 
 
 def film_documents(films: Sequence[Film]) -> list[Document]:
@@ -62,65 +70,58 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
     return [plain(_film_document(film, films, traced)) for film in films]
 
 
-def film_limit(film: Film, films: Sequence[Film]) -> Array:
-    """Return the torque limits (n_a,) of a film's picture, common to films with its motors."""
-    alike = _films_with_motors_of(film, films)
-    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
-    return limit_for_picture(film.robot, np.array(proved or [_largest_drawn_torque(film)]))
-
-
-def _films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
-    """Return the films whose robots have the same motors."""
-    return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
-
-
 def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Document:
     """Return a film's data for the page.
 
     All `films` of the robot share sight, torque limits and scale, and the curves in `traced`.
     """
-    robot, time, platform = film.robot, film.time, film.platform
+    robot, time = film.robot, film.time
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
-    limit, peak = film_limit(film, films), peak_torque(_films_with_motors_of(film, films))
+    limit, peak = film_limit(film, films), peak_torque(films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
     W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
     reason = ", no limit in its file" if unlimited else ""
     drawn = page_robot_document(robot, poses, sight)
-    return drawn | {
-        "kind": "film",
-        "title": film.name or display_name(robot.name),
-        "proved": film.proved,
-        "refusal": film.refusal,
-        "subtitle": describe_film_briefly(film),
-        "summary": describe_film(film),
-        "proof": describe_proof(film),
-        "why": why_singular(robot),
-        "asked": wrench_kind(robot),
-        "unit": wrench_unit(robot),
-        "duration": time[-1],
-        "time": encode_floats(time),
-        "poses": encode_floats(poses),
-        "platform": encode_floats(platform),
-        "path": encode_floats(platform),
-        "torque": encode_floats(film.torque),
-        "torque_limit": _largest_drawn_torque(film),
-        "law": encode_floats(film.law(time)),
-        "g": encode_floats(film.g) if film.has_measure else None,
-        "power": encode_floats(_power(film)),
-        "stated": describe_motors(robot, limit, peak, reason=reason),
-        "band": encode_floats(film.motors.band(film.t_s, limit)),
-        "polytope": _force_figure(film, limit),
-        "no_figure": why_no_figure(robot),
-        "lines": _action_line_document(film),
-        "t_s": _arrow_document(film.twists),
-        "W_p": W_p,
-        "world": world,
-        "instants": _instant_documents(film),
-        "springs": _spring_document(film, drawn["length"]),
-        "locus": _locus_document(film, traced),
-    }
+    curves = encode_each(
+        time=time,
+        poses=poses,
+        platform=film.platform,
+        torque=film.torque,
+        law=film.law(time),
+        power=_power(film),
+        band=film.motors.band(film.t_s, limit),
+    )
+    return (
+        drawn
+        | curves
+        | {
+            "kind": "film",
+            "title": film.name or display_name(robot.name),
+            "proved": film.proved,
+            "refusal": film.refusal,
+            "subtitle": describe_film_briefly(film),
+            "summary": describe_film(film),
+            "proof": describe_proof(film),
+            "why": why_singular(robot),
+            "asked": wrench_kind(robot),
+            "unit": wrench_unit(robot),
+            "duration": time[-1],
+            "torque_limit": largest_drawn_torque(film),
+            "g": encode_floats(film.g) if film.has_measure else None,
+            "stated": describe_motors(robot, limit, peak, reason=reason),
+            "polytope": _force_figure(film, limit),
+            "no_figure": why_no_figure(robot),
+            "lines": _action_line_document(film),
+            "t_s": _arrow_document(film.twists),
+            "W_p": W_p,
+            "world": world,
+            "instants": _instant_documents(film),
+            "springs": _spring_document(film, drawn["length"]),
+            "locus": _locus_document(film, traced),
+        }
+    )
 
 
 def _power(film: Film) -> Array:
@@ -222,7 +223,7 @@ def _arrow_document(vectors: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6)."""
     linear, angular = vectors[:, :3], vectors[:, 3:]
     largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
-    return {"linear": encode_floats(linear), "angular": encode_floats(angular), "largest": largest}
+    return encode_each(linear=linear, angular=angular) | {"largest": largest}
 
 
 def _force_figure(film: Film, limit: Array) -> Document | None:
@@ -236,12 +237,7 @@ def _force_figure(film: Film, limit: Array) -> Document | None:
     if sides is None or not len(robot.passive):
         return None
     center = -figure_vectors(robot, film.motors.rotors)
-    return {
-        "center": encode_floats(center),
-        "sides": encode_floats(sides),
-        "count": robot.n_a,
-        "flat": robot.n == 2,
-    }
+    return encode_each(center=center, sides=sides) | {"count": robot.n_a, "flat": robot.n == 2}
 
 
 def force_edges(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
@@ -287,21 +283,7 @@ def _action_line_document(film: Film) -> Document | None:
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
-    return {
-        "place": encode_floats(lines.point),
-        "way": encode_floats(lines.direction),
-        "count": film.robot.n_a,
-    }
-
-
-def _largest_drawn_torque(film: Film) -> float:
-    """Return the largest torque to draw; the poles of an unproved motion are cut off."""
-    peaks = np.abs(film.torque).max(axis=1)  # (F,)
-    if film.proved:
-        return float(peaks.max())
-    peaks[np.isnan(peaks)] = np.inf
-    usual = float(np.quantile(peaks, 0.8))
-    return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
+    return encode_each(place=lines.point, way=lines.direction) | {"count": film.robot.n_a}
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:

@@ -44,7 +44,8 @@ def plot_study(study: DesignStudy) -> Axes:
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
             marks = _draw_cell(study, key, values, ax, norm)
-        row[0].set_ylabel("\n".join([*wrap(_row_name(key), 24), f"[{_row_unit(study, key)}]"]))
+        name = AREAS[key] if key in AREAS else QUANTITIES[key].name
+        row[0].set_ylabel("\n".join([*wrap(name, 24), f"[{_row_unit(study, key)}]"]))
     refused = np.array(study.why) != ""
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
@@ -85,11 +86,6 @@ def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Norm
             ax.set_yscale("log")
     colours = study.columns[COLORING_QUANTITY]
     return ax.scatter(places, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
-
-
-def _row_name(key: str) -> str:
-    """Return the name of a quantity or area in words."""
-    return AREAS[key] if key in AREAS else QUANTITIES[key].name
 
 
 def _row_unit(study: DesignStudy, key: str) -> str:

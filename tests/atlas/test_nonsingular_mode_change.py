@@ -10,7 +10,7 @@ import robots
 from framework import InvalidInput, trace_locus
 from framework.atlas.nonsingular_mode_change import find_mode_change
 from framework.proofs.assembly_modes import assembly_modes
-from framework.show.locus_figures import plot_motor_locus
+from framework.show.map import plot_motor_locus
 from tests.proofs.test_assembly_modes import SIX
 from tests.robots.test_three_rpr import CORNERS, PIVOTS, line_matrix
 

@@ -13,9 +13,8 @@ from framework import ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import assembled_at
-from framework.show.jogging import move_by_hand
+from framework.show.jogging import PageServer, move_by_hand
 from framework.show.page import hand_page
-from framework.show.server import PageServer
 from tests.browser.conftest import wait_until
 from tests.browser.pages import BETWEEN, ON_SCREEN, gap, placements
 

@@ -20,8 +20,8 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
+from framework.control.closed_loop import apply_variation
 from framework.control.controllers import RobotState
-from framework.control.variation import apply_variation
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 
@@ -112,9 +112,9 @@ def test_a_run_alone_is_the_run_among_others(controller, sensors):
     ref = reference("five_bar", 2e-2)
     law, loop = tuned_controller(controller, ref), ControlLoop(sensors=sensors)
     variations = [draw(ref.robot, SPREAD, (1, k)) for k in range(7)]
-    together = run_closed_loop(law, loop, SPREAD, variations, record=True)
+    together = run_closed_loop(law, loop, SPREAD, variations)
     for some in ([4], [6, 1]):
-        alone = run_closed_loop(law, loop, SPREAD, [variations[k] for k in some], record=True)
+        alone = run_closed_loop(law, loop, SPREAD, [variations[k] for k in some])
         for k, run in enumerate(some):
             assert alone.why[k] == together.why[run]
             assert alone.tracking_error[k] == together.tracking_error[run]

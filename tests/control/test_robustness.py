@@ -26,9 +26,9 @@ from framework.control import (
     tuned_controller,
 )
 from framework.control import study as study_module
+from framework.control.closed_loop import apply_variation
 from framework.control.controllers import FeedforwardPD
 from framework.control.study import run_chunk
-from framework.control.variation import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 
@@ -436,7 +436,7 @@ def test_a_failure_is_run_again_from_what_was_written(study, tmp_path, capsys):
     assert main([*replay, "--controller", "naive_computed_torque"]) == 0
     assert f"{failure['why']}; as in the study" in capsys.readouterr().out
     setup, _ = load_study(tmp_path)
-    run = setup.run("naive_computed_torque", failure["seed"][1], record=True)
+    run = setup.run("naive_computed_torque", failure["seed"][1])
     assert run.tracking_error[0] == failure["tracking_error"]
     assert len(run.torque) > 100
 

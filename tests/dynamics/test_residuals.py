@@ -22,7 +22,7 @@ from framework import (
 from framework.cli import main
 from framework.dynamics import elastic_pass
 from framework.dynamics.forces import joint_forces
-from framework.model.readers import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.model.urdf_edits import lock_joints
 from framework.planning.scenes import scene_path
 from tests.urdf_edits import edited

@@ -11,7 +11,7 @@ import pytest
 import robots
 from framework import InvalidInput, LimitsExceeded, NoLaw, NotConverged, largest_load, plan_crossing
 from framework.cli import main
-from framework.cli.capacity import capacity_lines
+from framework.cli.fidelity import capacity_lines
 from framework.fidelity.capacity import capacity_request
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.planning.scenes import scene_path
@@ -153,7 +153,7 @@ def test_the_command_says_the_multiple_and_what_binds(capsys, monkeypatch):
         asked.append(request)
         return capacity()
 
-    monkeypatch.setattr("framework.cli.capacity.largest_load_of", known)
+    monkeypatch.setattr("framework.cli.fidelity.largest_load_of", known)
     words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
     assert main([*words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

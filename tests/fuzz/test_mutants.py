@@ -36,7 +36,7 @@ from framework.cli import main
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers import read_any
 from framework.planning.saved import plan_document
-from framework.show.server import PageServer
+from framework.show.jogging import PageServer
 from tests.fuzz.mutate import changed_json, changed_words, changed_xml, changed_yaml, is_well_formed
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics

@@ -13,8 +13,7 @@ from framework import InvalidInput, NotConverged, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
-from framework.identification.calibration_equations import select_measurements
-from framework.identification.geometry import parametrise_geometry
+from framework.identification.geometry import parametrise_geometry, select_measurements
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
 
@@ -33,7 +32,7 @@ def calibrated(name: str, seed: int, count: int):
 
 def share_of_noise(found) -> float:
     """The largest error of the platform's coordinates held out, over the tracker's noise."""
-    driven = found.measured.driven
+    driven = found.robot.n_a
     return float((found.error_after[driven:] / found.measured.noise[driven:]).max())
 
 

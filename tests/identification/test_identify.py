@@ -13,9 +13,12 @@ from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.identification import Recording, identify
-from framework.identification.base_parameters import torque_parameters
+from framework.identification.base_parameters import (
+    collect_link_parameters,
+    torque_parameters,
+    with_masses_and_motors,
+)
 from framework.identification.measured_motion import measured_motion
-from framework.identification.physical import collect_link_parameters, with_masses_and_motors
 from tests.identification.recorded_motions import measured, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}

@@ -30,7 +30,8 @@ from framework import (
 from framework.cli import main
 from framework.kinematics import parallel_robot
 from framework.kinematics.assembly import nearby_configurations
-from framework.model.readers import read_any, write_robot_file
+from framework.model.readers import read_any
+from framework.model.robot_file_writer import write_robot_file
 from tests.oracles.closure_rows import closure_errors, closure_rows, independent
 from tests.oracles.forward_simulation import kinematics
 

@@ -191,7 +191,7 @@ def test_an_interruption_that_other_code_makes_something_else_of_is_one_all_the_
                 raise other from None
         return {}, "done"
 
-    monkeypatch.setattr(robots, "run", run)
+    monkeypatch.setattr(robots, "run_robots", run)
     code, word = SIGNALS[number]
     assert main(["robots"]) == code
     assert capsys.readouterr() == ("", f"crossing: {word}\n")

@@ -181,8 +181,8 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
         f"on {plan.certificate.nodes} nodes",
         f"{plan.crossings[0].s:.15f}",
         "gear ratio 50",
-        "350000 N/m",
-        "25000 N m/rad",
+        "<td>350000</td><td>N/m</td>",
+        "<td>25000</td><td>N m/rad</td>",
     ):
         assert said in text
     for key in ("tail", "max_closure_error", "max_residual_torque", "change"):

@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, plan_scene
-from framework.show.locus_figures import plot_locus
+from framework.show.map import plot_locus
 from framework.show.style import LOCUS
 
 

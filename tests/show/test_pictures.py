@@ -15,12 +15,11 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import InvalidInput, plan_scene
 from framework.kinematics.placements import frame_positions, joint_poses
-from framework.show.drawing import convex_hull, draw_robot, gallery_picture
+from framework.show.drawing import convex_hull, draw_robot, gallery_picture, plot_still
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
-from framework.show.still import plot_still
 from framework.show.style import PATH
 from tests.show.test_film import filmed
 

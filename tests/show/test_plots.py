@@ -15,8 +15,7 @@ from framework import InvalidInput, Line, ParallelRobot, plan_crossing, plan_sce
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.show import plots
 from framework.show.film import film_plan
-from framework.show.force_polygon import plot_eyes
-from framework.show.plots import plot_phase_plane
+from framework.show.plots import plot_eyes, plot_phase_plane
 from framework.show.style import new_figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]

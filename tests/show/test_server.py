@@ -10,8 +10,7 @@ import pytest
 
 import robots
 from framework import assemble
-from framework.show.jogging import move_by_hand
-from framework.show.server import MAX_REQUEST_BYTES, PageServer
+from framework.show.jogging import MAX_REQUEST_BYTES, PageServer, move_by_hand
 
 ROBOT = robots.load("five_bar")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from framework.show import style
-from framework.show.force_polygon import MISSES, THREADS
+from framework.show.plots import MISSES, THREADS
 from framework.show.style import PAGE_COLORS, line_style, page_colors
 
 
