@@ -33,7 +33,7 @@ from framework.kinematics.continuation.forward_kinematics import (
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import require_turns_at_rest
+from framework.kinematics.motion_rates import require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.single_pose import SinglePose

@@ -42,7 +42,7 @@ from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at, integrate
-from framework.kinematics.loop_matrices import scaled_loops
+from framework.kinematics.linearised_loops import scaled_loops
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
 

@@ -31,8 +31,7 @@ from framework.dynamics.forces import (
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_changes import coordinate_changes, require_turns_at_rest
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 

@@ -27,10 +27,10 @@ from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_axis
-from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.laws.law import law_derivatives
 from framework.laws.path import time_derivatives

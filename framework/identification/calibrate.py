@@ -27,8 +27,8 @@ from framework.identification.calibration_equations import (
 from framework.identification.combinations import Combinations, find_combinations, format_combination
 from framework.identification.geometry import Geometry, parametrise_geometry
 from framework.identification.recording import Recording, load_recording
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
-from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file

@@ -22,7 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frames import FrameMotions, FrameStack, frame_velocities, move_wrench
+from framework.kinematics.frames import (
+    FrameMotions,
+    FrameStack,
+    bracket_wrenches,
+    frame_velocities,
+    move_wrench,
+    tree_columns,
+)
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, BoolArray
@@ -173,3 +180,38 @@ def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None
     if not np.any(distances > FLIPPED_DISTANCE):
         return None
     return directions.closures[np.argmax(distances)]
+
+
+def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
+    """Compute the derivative d(J' lambda)/dq (T, nv, nv) of loop forces at fixed multipliers (T, m).
+
+    Row i, column j is the change of the force on joint i by a unit motion of joint j.
+    """
+    units = np.eye(mechanism.nv)[None]
+    wrenches = base_wrenches(rows, frames)
+    return loop_force_changes(mechanism, rows, frames, wrenches, multipliers, units).swapaxes(1, 2)
+
+
+def loop_force_changes(
+    mechanism: Mechanism,
+    rows: LoopRows,
+    frames: FrameStack,
+    wrenches: Array,
+    multipliers: Array,
+    motions: Array,
+) -> Array:
+    """Compute changes (T, k, nv) of the loop forces J' lambda by motions (T, k, nv).
+
+    The multipliers lambda (T, m) are constant. The force on joint i is S_i . W_i, with W_i the sum of the
+    loops' `wrenches` (T, m, 6) on the bodies that joint i carries. S_i changes with the joints that precede
+    i, and W_i with the frames.
+    """
+    screws, placements = frames.screws, frames.placements[:, None]
+    carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
+    steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
+    frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
+    changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
+    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
+    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)
+    by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
+    return by_wrenches + by_screws

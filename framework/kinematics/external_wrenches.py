@@ -20,11 +20,16 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.frame_variations import bracket_wrenches, tree_columns
-from framework.kinematics.frames import FrameStack, move_wrench, rotation_matrices
+from framework.kinematics.frames import (
+    FrameStack,
+    bracket_wrenches,
+    move_wrench,
+    rotation_matrices,
+    scratch_of,
+    tree_columns,
+)
 from framework.kinematics.mechanism import Mechanism, frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
 from framework.laws.path import NO_KNOTS
 from framework.model.frame_wrench import FrameWrench

@@ -15,6 +15,8 @@ along the axis. No force depends on this turn, because it moves no centre of mas
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +24,15 @@ import numpy as np
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
-from framework.kinematics.idle_turns import turn_motions
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    LinearisedLoops,
+    linearised_at,
+    linearised_at_reference,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import ball_columns
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
@@ -191,3 +197,85 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
         turned = integrate(robot, q, (turns @ angles)[:, :, 0])
         q = close_loops(robot, x, turned).q
     return q
+
+
+@dataclass(frozen=True, eq=False)
+class IdleTurns:
+    """The k idle turns at T instants."""
+
+    motions: Array  # Z (T, nv, k): the motion of each turn alone
+    rows: Array  # Z' G (T, k, nv); for a resting turn the unit row of its joint
+    weights: Array  # G (k, nv) of each turn; zero for a resting turn
+
+    def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
+        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
+        residual = right - np.matvec(self.rows, rates)  # (..., T, k)
+        y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
+        return rates + np.matvec(self.motions, y)
+
+    def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
+        """Compute the time derivative (T, k, nv) of `rows` from that of dF/dq (T, n + m, nv)."""
+        rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
+        return rates.swapaxes(1, 2) * self.weights
+
+
+def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
+    """Return the idle turns at T instants; None if all idle joints rest."""
+    weights = _driving_weights(robot)
+    if not weights.any():
+        return None
+    motions = turn_motions(robot, linearised)
+    rows = motions.swapaxes(1, 2) * weights
+    for k in np.flatnonzero(~weights.any(axis=1)):
+        rows[:, k, robot.structure.idle[k]] = 1.0  # the turn rests
+    return IdleTurns(motions, rows, weights)
+
+
+def driven_turns(robot: ParallelRobot) -> IntArray:
+    """Return the idle columns whose turns damping or armature of balls drives."""
+    return robot.structure.idle[_driving_weights(robot).any(axis=1)]
+
+
+@lru_cache(maxsize=16)
+def _driving_weights(robot: ParallelRobot) -> Array:
+    """Return the diagonal of G for each idle turn, (k, nv).
+
+    It holds the damping of all balls if the turn moves a damped ball. Otherwise it holds their armature if
+    the turn moves a ball with armature, and zeros if not. The turn's motion is that at the reference.
+    """
+    weights = np.zeros((len(robot.structure.idle), robot.nv))
+    damping = _isotropic_ball_values(robot, robot.joint_damping)
+    armature = _isotropic_ball_values(robot, robot.model.armature)
+    if len(weights) and (damping.any() or armature.any()):
+        motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
+        for k, motion in enumerate(motions.T):
+            if np.any(damping * motion):  # the turn moves a damped ball
+                weights[k] = damping
+            elif np.any(armature * motion):
+                weights[k] = armature
+    return read_only(weights)
+
+
+def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
+    """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
+    isotropic = np.zeros(robot.nv)
+    for ball in ball_columns(robot.model):
+        if np.ptp(values[ball]) == 0.0:
+            isotropic[ball] = values[ball]
+    return isotropic
+
+
+def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute Z (T, nv, k): all joint rates at unit rate of one idle joint, the others at rest."""
+    idle = robot.structure.idle
+    motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
+    motions[:, idle] = np.eye(len(idle))
+    return motions
+
+
+def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
+    """Compute motions (T, nv, k) of the moving joints that cancel changes `gaps` (T, n + m, k) of F."""
+    closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
+    motions = np.zeros((len(gaps), robot.nv, len(closing)))
+    motions[:, robot.moving] = np.moveaxis(closing, 0, 2)
+    return motions

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import scaled_loops, scaled_platform, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, scaled_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values

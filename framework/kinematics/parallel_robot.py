@@ -15,12 +15,15 @@ import numpy as np
 
 from framework.errors import expect, point
 from framework.kinematics.assembly import Configuration, nearby_configurations
-from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import LoopStructure, motion_matrix, refuse_singular_reference
+from framework.kinematics.frames import frames_at, scratch_of
+from framework.kinematics.loop_structure import (
+    LoopStructure,
+    assemble_mechanism,
+    motion_matrix,
+    refuse_singular_reference,
+)
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
-from framework.kinematics.rounded_loops import assemble_mechanism
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.frame_variations import tree_columns
-from framework.kinematics.frames import frames_at
+from framework.kinematics.frames import frames_at, tree_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import frame_wrench
 from framework.numerics.arrays import Array

@@ -11,9 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.closures import closure_drift, row_factors
-from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.kinematics.frames import FrameMotions, FrameStack, Scratch
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import Scratch
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import cross
 

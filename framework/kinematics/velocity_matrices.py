@@ -8,15 +8,20 @@ their Eq. (4).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from framework.errors import SingularPose
+from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import scale_jacobian
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
-from framework.kinematics.motion_rates import Motion, jacobian_rates
+from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
+from framework.kinematics.inverse_kinematics import require_mobility
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, find_near_type2
+from framework.kinematics.motion_rates import Motion, jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ArrayLike, read_only
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, read_only
 
 
 class VelocityMatrices(NamedTuple):
@@ -110,3 +115,75 @@ def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> Velocit
         B=matrices.B / robot.column_scale[robot.actuated],
         C=matrices.C / robot.column_scale[robot.elastic],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSlopes(ReadOnlyArrays):
+    """Derivatives of joints q, platform x and `velocity_matrices` A, B, C of a pose along k joints."""
+
+    q: Array  # (nv, k) as tangent vectors
+    x: Array  # (n, k) of the platform's coordinates [m, rad]
+    A: Array  # (k, m, n)
+    B: Array  # (k, m, n_a)
+    C: Array  # (k, m, n_e)
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicDerivatives(ReadOnlyArrays):
+    """Derivatives at one pose, with idle joints at rest.
+
+    Attributes:
+        motors: along the motors' joints, joint side of the gears, at constant deflections.
+        springs: along the deflections q_e, motors at rest.
+        q_a: (n_a, n_e) of the motors' joints along the deflections, platform at rest.
+    """
+
+    motors: PoseSlopes
+    springs: PoseSlopes
+    q_a: Array
+
+
+def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
+    """Compute the derivatives of a pose q (nq,) along motors and springs.
+
+    Loop equations that only springs can close stay open, for instance those of a planar robot for motions out
+    of its plane.
+
+    Raises:
+        InvalidInput: q is not assembled; no motor can move alone; or the platform does not determine the
+        joints. SingularPose: the motors do not determine the pose (Type 2). NotAssembled: the platform does
+        not determine the joints (Type 1).
+    """
+    closed = assembled_at(robot, q)
+    require_mobility(robot)
+    check_motors_are_free(robot)
+    linearised = closed.linearised
+    if len(find_near_type2(robot, linearised)):
+        raise SingularPose(
+            f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
+            f"the robot (Type 2), and the pose has no derivative along them",
+            platform=closed.x[0],
+        )
+    # (n_e, 1, n + m) changes of F by a unit deflection of each spring
+    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)
+    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
+    return KinematicDerivatives(
+        motors=_pose_derivatives(robot, closed, robot.actuated),
+        springs=_pose_derivatives(robot, closed, robot.elastic),
+        q_a=joints[:, : robot.n_a].T,
+    )
+
+
+def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
+    """Compute the derivatives of pose and matrices along k joints; passive joints close the loops."""
+    linearised = closed.linearised
+    steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
+    if len(robot.following):
+        gaps = linearised.closures[0][:, columns].T  # (k, m) rates at which these joints open the loops
+        steps[:, robot.following] = -linearised.passive_factors.solve(gaps[:, None])[:, 0]
+    copies = linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
+    _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
+    twists = linearised.platform[0] @ steps.T  # (n, k)
+    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
+    return PoseSlopes(steps.T, dx, *slopes)

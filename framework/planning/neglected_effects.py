@@ -20,7 +20,7 @@ import numpy as np
 
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.kinematics.idle_turns import driven_turns
+from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.numerics.arrays import Array

@@ -26,7 +26,7 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
-from framework.kinematics.loop_matrices import equation_sizes
+from framework.kinematics.linearised_loops import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, IntArray, select

@@ -12,8 +12,7 @@ import numpy as np
 
 from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import equation_sizes, passive_matrix, type1_matrix
+from framework.kinematics.linearised_loops import equation_sizes, linearised_at, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.rotations import wrap_angles

@@ -15,9 +15,8 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, collect_frames
+from framework.kinematics.frames import FrameMotions, FrameStack, collect_frames, scratch_of
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, check_damping

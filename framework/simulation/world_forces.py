@@ -14,10 +14,9 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches, wrench_slope
-from framework.kinematics.frames import frames_at
+from framework.kinematics.frames import frames_at, scratch_of
 from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

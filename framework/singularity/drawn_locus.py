@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.singularity.traced_locus import REGION_REACH, trace_locus

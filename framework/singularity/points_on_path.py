@@ -13,8 +13,7 @@ from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import scaled_loops, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, scaled_loops, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays

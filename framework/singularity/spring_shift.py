@@ -12,7 +12,7 @@ import numpy as np
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import type2_matrix
 from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.points_on_path import SingularPoint

@@ -16,8 +16,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot, plan_scene
-from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frame_variations import loop_curvature
+from framework.kinematics.closures import closure_drift, loop_curvature, loop_equations
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.modes import legs
 from framework.kinematics.single_pose import SinglePose

@@ -18,8 +18,7 @@ from framework.errors import NotAssembled
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path

@@ -20,14 +20,21 @@ from framework.kinematics.continuation.predictor_corrector import (
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
+    CurveEnds,
+    CurveEquations,
+    Curves,
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    clearance,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+)
 from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select

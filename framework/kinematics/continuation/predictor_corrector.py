@@ -7,14 +7,19 @@ Otherwise the step is halved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frames import largest_motion
+from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
-from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import solve
+from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN, NEWTON_STEP
 
 MIN_STEP_RATIO = 1e-7  # share of the curve; if a step shorter than this is refused, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singularity tangents lead far away
@@ -71,3 +76,111 @@ def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
     speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
+
+
+# Largest relative deviations from a parabola: of the chord to the turning point, and of the gain in s.
+MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
+FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
+MAX_ARC_LENGTH = 2.0  # [rad, lengths] of all joints together; a turning point farther away is not sought
+MAX_SECANTS = 12
+
+
+class CurveEquations(NamedTuple):
+    """F and its derivatives at T points, dimensionless (radians, lengths of the robot)."""
+
+    matrix: Array  # (T, k, k) M
+    by_share: Array  # (T, k) b
+    residual: Array  # (T, k)
+    linearised: LinearisedLoops  # the same equations with dimensions
+
+
+class CurveEnds(NamedTuple):
+    """The turning points of T curves; the values of a curve are meaningless unless `found`."""
+
+    found: BoolArray  # (T,) whether the curve has a turning point ahead
+    share: Array  # (T,) s, the share of the prescribed motion
+    q: Array  # (T, nq)
+    linearised: LinearisedLoops  # at q
+    length: Array  # (T,) t along the curve [rad, lengths]
+    first_tangent: Array  # (T, k + 1) d(y, s)/dt at the start
+    last_tangent: Array  # (T, k + 1) d(y, s)/dt at the end
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """T curves F(y, s) = 0."""
+
+    robot: ParallelRobot
+    columns: IntArray  # (k,) columns of the joints y that follow
+    turn: Array  # (T, nv) prescribed motion of the other joints from s = 0 to 1
+    evaluate: Callable[[Array, Array], CurveEquations]  # evaluates F at q (T, nq) and s (T,)
+
+    def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
+        """Find the turning points of T curves ahead of configurations q (T, nq) at s = `share` (T,).
+
+        A turning point counts as found only if the curve from q to the point is nearly a parabola in t. On a
+        parabola the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the
+        start.
+        """
+        with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges
+            end = self._follow_to_turn(q, share)
+            start_motion = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
+            end_motion = end.length[:, None] * self._joint_motions(end.last_tangent)
+            chord = difference(self.robot, q, end.q)
+            deviation = largest_motion(self.robot, chord - 0.5 * (start_motion + end_motion))
+            expected_gain = 0.5 * end.length * end.first_tangent[:, -1]
+            gain_error = np.abs(end.share - share - expected_gain)
+            found = end.found & (end.share < 1.0)
+            found &= deviation <= MAX_CHORD_DEVIATION * largest_motion(self.robot, start_motion)
+            found &= gain_error <= MAX_GAIN_DEVIATION * expected_gain
+        return end._replace(found=found)
+
+    def _joint_motions(self, step: Array) -> Array:
+        """Return joint motions (T, nv) for steps (T, k + 1) in y and s."""
+        motion = step[:, -1:] * self.turn
+        motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
+        return motion
+
+    def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
+        """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
+
+        A curve that has converged or become too long rests while the others go on.
+        """
+        equations = self.evaluate(q, share)
+        c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
+        c /= np.linalg.norm(c, axis=1, keepdims=True)
+        correction, tangent = _newton_step_and_tangent(equations, c)
+        first_tangent = tangent
+        t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
+        converged = np.zeros(len(q), dtype=bool)
+        for _ in range(MAX_SECANTS):
+            step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it
+            diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
+            rests = converged | diverges
+            step = np.where(rests[:, None], 0.0, step)
+            q = integrate(self.robot, q, self._joint_motions(step))
+            share = share + step[:, -1]
+            t = t + np.where(rests, 0.0, dt)
+            converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
+            last_slope = tangent[:, -1]  # ds/dt
+            equations = self.evaluate(q, share)
+            correction, tangent = _newton_step_and_tangent(equations, c)
+            if (converged | diverges).all():
+                break
+            dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # to the secant's zero of ds/dt
+        return CurveEnds(converged & (t > 0), share, q, equations.linearised, t, first_tangent, tangent)
+
+
+def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
+    """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
+
+    The matrix is [M b; c' 0], with c (T, k); the right sides are [-F; 0] and [0; 1]. So Newton's step does
+    not change c . y.
+    """
+    count, size = c.shape
+    top = [equations.matrix, equations.by_share[:, :, None]]
+    bordered = np.block([top, [c[:, None], np.zeros((count, 1, 1))]])
+    newton_right, tangent_right = np.zeros((2, count, size + 1))
+    newton_right[:, :-1] = -equations.residual
+    tangent_right[:, -1] = 1.0
+    return solve(bordered, newton_right), solve(bordered, tangent_right)

@@ -28,10 +28,11 @@ from framework.kinematics.continuation.predictor_corrector import (
     MAX_PREDICTOR_MOVE,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
+    CurveEquations,
+    Curves,
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEquations, Curves
 from framework.kinematics.frames import (
     difference,
     difference_rates,
@@ -40,8 +41,13 @@ from framework.kinematics.frames import (
     largest_motion,
 )
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import count_lost_ranks, equation_sizes, type1_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    count_lost_ranks,
+    equation_sizes,
+    linearised_at,
+    type1_matrix,
+)
 from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates

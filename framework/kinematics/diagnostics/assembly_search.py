@@ -27,9 +27,8 @@ from framework.kinematics.closures import (
     row_weights,
     scale_jacobian,
 )
-from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns
+from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles

@@ -17,16 +17,14 @@ from framework.kinematics.diagnostics.mobility import (
     examine_platform_axes,
 )
 from framework.kinematics.frames import difference
-from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.kinematics.loop_matrices import clearance
-from framework.kinematics.loop_structure import independent_rows
+from framework.kinematics.linearised_loops import assembled_at, clearance, linearised_at_reference
+from framework.kinematics.loop_structure import assemble_mechanism, independent_rows, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import moving_bodies, remark_on_turns, remarks_on_bodies
 from framework.kinematics.modes import mode_signs
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.numerics.arrays import Names
+from framework.numerics.arrays import Array, ArrayLike, Names
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
 MOVED_REFERENCE = (
@@ -274,3 +272,48 @@ def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
         if mobility + gained >= robot.n:
             names.append(closure.name)
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """An assembled pose: angles [rad] with whole turns of hinges, slides [m]."""
+
+    robot: str
+    flexibility: str
+    platform: dict[str, float]  # by axis
+    motor_joints: dict[str, float]  # joint side of the gears
+    motor_angles: dict[str, float]  # motor side: gear ratio times joint position
+    joints: dict[str, float]  # all joints of the URDF, actuated ones included
+    working_mode: int  # sign, which changes at Type 1
+    assembly_mode: int  # sign, which changes at Type 2
+    closure_error: float  # largest residual of all loop equations, redundant ones included [m or rad]
+    exceeded: dict[str, str]  # joints beyond their limits in the URDF, with position and limit
+
+
+def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
+    """Describe an assembled configuration q (nq,): coordinates by name, modes, exceeded limits.
+
+    Raises:
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
+    """
+    expect_robot(robot)
+    closed = assembled_at(robot, q)
+    working_sign, assembly_sign = mode_signs(robot, closed.linearised)
+    motors = robot.actuated_coordinates(closed.q)[0]
+    return Pose(
+        robot=robot.name,
+        flexibility=robot.flexibility,
+        platform=_name_values(robot.axis_names, closed.x[0]),
+        motor_joints=_name_values(robot.actuator_names, motors),
+        motor_angles=_name_values(robot.actuator_names, robot.gear_ratio * motors),
+        joints=robot.reference_values(closed.q[0]),
+        working_mode=int(working_sign[0]),
+        assembly_mode=int(assembly_sign[0]),
+        closure_error=float(closed.linearised.gap[0]),
+        exceeded=positions_beyond_limits(robot.limits, closed.q),
+    )
+
+
+def _name_values(names: Names, values: Array) -> dict[str, float]:
+    """Return values (k,) as a mapping by name."""
+    return dict(zip(names, values.tolist(), strict=True))

@@ -34,10 +34,9 @@ from framework.kinematics.diagnostics.mobility import (
     row_and_null_space,
     scaled_twists,
 )
-from framework.kinematics.loop_structure import independent_rows
+from framework.kinematics.loop_structure import assemble_mechanism, independent_rows, rounded_gap
 from framework.kinematics.mechanism import Mechanism, frame_index, velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Options, PartialRobot
