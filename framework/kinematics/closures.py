@@ -6,7 +6,7 @@ zero if it carries both or neither. So one table of rows (`Mechanism.rows`) desc
 kind is data, not code.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
-Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these vectors.
+Residual, Jacobian and exact derivatives (`wrench_changes`, `loop_force_changes`) follow from these vectors.
 
 The module also compares directions of the two frames of a closure, to tell a closed loop from a flipped one.
 A rotation is locked by equations that keep axes of the two frames perpendicular (see `LoopRows`). They

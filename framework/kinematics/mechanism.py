@@ -58,7 +58,7 @@ class Mechanism(ReadOnlyArrays):
     elastic_names: Names  # (n_e,)
     frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
     rows: LoopRows  # all loop equations, redundant ones included
-    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `rounded_loops`
+    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `loop_structure`
     directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
     limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
     q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close

@@ -27,10 +27,14 @@ from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+)
 from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.single_pose import SinglePose
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE, REACHED_PLATFORM
@@ -120,9 +124,8 @@ class PoseSearch:
         """
         require_square(robot)
         self.robot, self._motors_hold = robot, motors_hold
-        self._pose = SinglePose(robot)
         self._lengths = robot.column_scale[robot.moving]
-        self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
+        self._row_sizes = equation_sizes(robot)[robot.n :]
         self._unit_length, self._unit = distance_unit(robot)
         self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
@@ -180,11 +183,10 @@ class PoseSearch:
         is_met = (iterate.room < rounding) | step.is_small(iterate)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]
-        self._pose.evaluate_pose(iterate.q)
         return NearestPose(
             q=iterate.q,
             x=iterate.x,
-            residual=float(np.abs(self._pose.residual).max(initial=0.0)),
+            residual=float(iterate.loops.gap[0]),
             iterations=count,
             distance=distance * self._unit_length,
             unit=self._unit,
@@ -275,11 +277,13 @@ class PoseSearch:
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
-        independent = self.robot.structure.independent
-        self._pose.evaluate_pose(q)
-        residual = self._pose.residual.take(independent) / self._row_sizes
-        jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
-        return residual, jacobian * (self._lengths / self._row_sizes[:, None])
+        linearised = linearised_at(self.robot, q[None], None)
+        residual = linearised.residual[0, self.robot.n :] / self._row_sizes
+        return residual, self._loop_slopes(linearised)[0]
+
+    def _loop_slopes(self, linearised: LinearisedLoops) -> Array:
+        """Compute the derivatives (T, m, f) of the dimensionless loop equations along the joints."""
+        return independent_loops_matrix(self.robot, linearised)[..., self.robot.moving]
 
     def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
         """Compute the quadratic model of |e|^2 / 2 at a pose q (nq,) with closed loops.
@@ -339,11 +343,10 @@ class PoseSearch:
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f)."""
         robot = self.robot
-        derivatives = linearised.jacobian[..., robot.moving] * self._lengths  # (T, n + m, f)
-        twists, loops = np.split(derivatives, [robot.n], axis=1)
+        twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
-        return x, dx, loops / self._row_sizes[:, None]
+        return x, dx, self._loop_slopes(linearised)
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
         """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
