@@ -203,10 +203,10 @@ def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tu
     if index in mechanism.frames:
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]
-    model, data = mechanism.model, scratch_of(mechanism).data
-    poses = np.empty((len(frames.q), 12))
+    model, scratch = mechanism.model, scratch_of(mechanism)
+    placements = np.empty((len(frames.q), 12))  # the three axes of the frame, then its origin
     for k, q in enumerate(frames.q):
-        pin.forwardKinematics(model, data, q)
-        placement = pin.updateFramePlacement(model, data, index)
-        poses[k] = np.append(placement.rotation.ravel(order="F"), placement.translation)
-    return poses[:, 9:], rotation_matrices(poses)
+        pin.forwardKinematics(model, scratch.data, q)
+        pin.updateFramePlacement(model, scratch.data, index)
+        placements[k] = scratch.placements[index]
+    return placements[:, 9:], rotation_matrices(placements)

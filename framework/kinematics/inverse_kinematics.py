@@ -108,7 +108,6 @@ def close_each(
     *,
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
-    last_step: float = NEWTON_STEP,
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
@@ -119,7 +118,6 @@ def close_each(
     Args:
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
-        last_step: an instant counts as closed after a smaller step, with an error of about the step's square.
     """
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
@@ -128,7 +126,7 @@ def close_each(
     size = np.full(len(q), np.inf)  # largest entry of the last step of each live instant [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or size.max(initial=0.0) < last_step:
+        if iteration == iterations or size.max(initial=0.0) < NEWTON_STEP:
             break
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
@@ -144,7 +142,7 @@ def close_each(
         steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
     closed = np.zeros(len(q), dtype=bool)
-    closed[live] = size < last_step
+    closed[live] = size < NEWTON_STEP
     if len(live) < len(q):
         linearised = linearised_at(robot, q, x)
     return NewtonResult(q, linearised, closed)

@@ -54,17 +54,14 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
-from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
+from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING
 
 TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
-KNOT_NEWTON_STEP = 1e-6  # last Newton step to a knot; guesses between knots are not more accurate than this
-POSES_AT_ONCE = 8  # a stack takes little longer than one pose; eight first steps span the path
-SHORT_PATH = 1e-4  # [lengths, rad] a path no longer than this is tried in a single step
+POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
 LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
-PLATFORM_ROUNDING = 1e-14  # [lengths, rad] platform coordinates nearer than this are the same
 
 
 class BranchPoses(NamedTuple):
@@ -109,7 +106,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
     distance = float(np.abs(target - reference.x).max())
-    if distance <= PLATFORM_ROUNDING * robot.length:
+    if distance == 0.0:
         return reference
     require_square(robot)
     if distance < FILE_ROUNDING * robot.length:
@@ -141,30 +138,26 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     return _follow_branch(robot, path, start.q, "the path")
 
 
-def follow_path(
-    robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
-) -> FollowedCurve:
+def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool = False) -> FollowedCurve:
     """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
     The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
     A branch ends at a Type 1 singularity.
 
     Args:
-        last_step: largest last Newton step to a pose, see `close_each`.
         to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
             the last pose lies just before it.
     """
     start = np.zeros(1)
     pose = _poses_at(robot, path, start, q[None], linearised_at(robot, q[None], path(start)))
     stretches = [pose]  # of poses followed so far, each stretch from one tangent
-    is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
-    step = 1.0 if is_short else FIRST_STEP_RATIO
+    step = FIRST_STEP_RATIO
     while pose.s[0] < 1.0:
         step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
         s_ahead = _parameters_ahead(robot, pose, step)
-        accepted = _take_steps(robot, path, pose, s_ahead, last_step)
+        accepted = _take_steps(robot, path, pose, s_ahead)
         if accepted is not None:
             poses, correction = accepted
             stretches.append(poses)
@@ -186,7 +179,7 @@ def follow_path(
 
 
 def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array, last_step: float
+    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array
 ) -> tuple[BranchPoses, float] | None:
     """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
 
@@ -200,7 +193,7 @@ def _take_steps(
     """
     lengths = (s_ahead - start.s)[:, None]
     guess = integrate(robot, start.q, lengths * start.rate)
-    ends = _close_ahead(robot, path, s_ahead, guess, last_step)
+    ends = _close_ahead(robot, path, s_ahead, guess)
     if ends is None:
         return None
     steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
@@ -218,23 +211,19 @@ def _take_steps(
     return (ends.select(slice(count)), float(correction[count - 1])) if count else None
 
 
-def _close_ahead(
-    robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
-) -> BranchPoses | None:
+def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -> BranchPoses | None:
     """Close the loops of poses (T, nq) predicted at s (T,), up to the first that does not close.
 
     None if the first pose does not close.
     """
-    q, linearised, closed = close_each(
-        robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
-    )
+    q, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
     count = _count_leading(closed)
     if not count:
         return None
     try:
         return _poses_at(robot, path, s[:count], q[:count], linearised.select(slice(count)))
     except NotAssembled:  # a pose is singular to the last bit and has no tangent
-        return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if count > 1 else None
+        return _close_ahead(robot, path, s[:1], predicted[:1]) if count > 1 else None
 
 
 def _poses_at(
@@ -289,7 +278,7 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
 
     `subject` is the name of the path in errors.
     """
-    followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
+    followed = follow_path(robot, path, q, to_the_end=True)
     if not followed.complete:
         raise _branch_end_error(robot, path, followed, subject)
     offset = difference(robot, q, followed.q)
