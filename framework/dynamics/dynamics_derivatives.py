@@ -8,8 +8,8 @@ changes solve
     G' dt = T' d(r - J' lambda)          at fixed lambda.
 
 The right side needs the change of the open tree's forces (`force_changes`) along the change of the joints'
-motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors t is the solution of least norm,
-t = G k with k (n,), and dt = dG k + G dk.
+motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors t is the solution of least
+norm, t = G k with k (n,), and dt = dG k + G dk.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The residuals of all equations along the whole motion, on the nodes in time and between them.
 
 The motion is computed from the loop equations that are independent at the reference, with the idle joints at
-rest or turned by `inverse_kinematics.idle_turns`. This module evaluates all loop equations, and the residual torques:
+rest or turned (`idle_turns`). This module evaluates all loop equations, and the residual torques:
 torques that the planned motion would need in addition to motors and springs. They vanish if the motion is
 exact. With the forces r of the open tree, the Jacobian J of the loop equations, the selection S of the
 actuated joints and the joint torques tau_joint,

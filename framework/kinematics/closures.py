@@ -35,8 +35,6 @@ from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import cross, dot, matmul
 
-FLIPPED_DISTANCE = 1.0  # between the tips of two unit axes: 0 in the right pose, sqrt(2) or more if flipped
-
 
 class LoopEquations(NamedTuple):
     """Values and derivatives of m loop equations at T configurations."""
@@ -176,10 +174,9 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
     """Return the name of the closure with the largest direction gap (T = 1); None if none is flipped."""
     directions = mechanism.directions
-    distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
-    if not np.any(distances > FLIPPED_DISTANCE):
-        return None
-    return directions.closures[np.argmax(distances)]
+    distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)  # (d,) between tips of axes
+    # a distance is 0 in the right pose, and sqrt(2) or more in a flipped one
+    return directions.closures[np.argmax(distances)] if np.any(distances > 1.0) else None
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:

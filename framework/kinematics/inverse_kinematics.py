@@ -37,8 +37,6 @@ from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
 MAX_ITERATIONS = 25
-SPIN_ROUNDING = 1e-15  # [rad] spin that counts as zero
-MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # number of Newton steps; [rad] largest turn in one step
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -183,15 +181,15 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
     if not (len(q) and is_ball.any()):
         return q
     idle = robot.structure.idle[is_ball]  # (k,)
-    for _ in range(MAX_SPIN_STEPS):
+    for _ in range(MAX_ITERATIONS):
         spin = difference(robot, origin, q)[:, idle]  # (T, k)
-        if np.abs(spin).max() <= SPIN_ROUNDING:
+        if np.abs(spin).max() <= ROUNDING_STEP:
             break
         turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, is_ball]  # (T, nv, k)
         slope = difference_jacobian(robot, origin, q)[:, idle] @ turns  # (T, k, k) of spin along the turns
         angles = np.linalg.solve(slope, -spin[:, :, None])  # (T, k, 1)
         largest_angle = np.abs(angles).max(axis=1, keepdims=True)
-        angles /= np.maximum(largest_angle / MAX_SPIN_STEP, 1.0)
+        angles /= np.maximum(largest_angle / MAX_NEWTON_STEP, 1.0)
         turned = integrate(robot, q, (turns @ angles)[:, :, 0])
         q = close_loops(robot, x, turned).q
     return q

@@ -16,7 +16,6 @@ import numpy as np
 
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
-    END_ROUNDING,
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
@@ -38,10 +37,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
-from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
-
-MAX_SINGLE_STEP = 0.05  # [rad, lengths] a curve on which no joint moves farther is tried in a single step
-MAX_STEP_ITERATIONS = 10  # of Newton's method; a step that needs more iterations is refused
+from framework.tolerances import BRANCH_CORRECTION, BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST, SAME_PLACE
 
 
 class MotorCurves(NamedTuple):
@@ -98,7 +94,8 @@ def follow_curves(
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
-    is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
+    # a curve on which no joint moves farther than a corrector may is tried in a single step
+    is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
     # Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one, the
     # step has passed the singularity, and the curve ends before the step.
@@ -153,7 +150,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
         turn: (T, nv) turns of the motors from s = 0 to 1.
     """
     share = current.share + step
-    share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
+    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)
     length = (share - current.share)[:, None]  # (T, 1)
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
@@ -185,7 +182,7 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
     guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), closed=np.full(len(guess), True))
-    return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
+    return close_each(robot, None, guess)
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:

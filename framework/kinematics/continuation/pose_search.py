@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import Configuration
+from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
-from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     equation_sizes,
@@ -35,17 +35,20 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import solve
-from framework.tolerances import LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE, REACHED_PLATFORM
+from framework.tolerances import (
+    CLOSED_LOOP,
+    LEAST_TYPE1_SHARE,
+    LEAST_TYPE2_SHARE,
+    RANK_ROUNDING,
+    REACHED_PLATFORM,
+)
 
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30
-MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
 LEAST_DECREASE = 1e-8  # share of the squared distance; if a step is predicted to gain less, the search ends
-LEAST_CURVATURE = 1e-9  # least eigenvalue of H, to keep it definite
-MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # number of Newton steps; residual of closed loops [rad, lengths]
 # Share of the lag behind the best other search; if a step is predicted to gain less, the search ends.
 LEAST_PROGRESS = 0.1
 UNCONVERGED = "the search has not converged"
@@ -205,7 +208,7 @@ class PoseSearch:
 
         g, H = iterate.gradient, iterate.hessian
         # bounds that a step can reach; the others would only slow down the solver
-        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
+        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_NEWTON_STEP > iterate.room
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
         w = inverse.T @ g
         G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
@@ -215,7 +218,7 @@ class PoseSearch:
         residual = matrix @ multipliers - right
         y = -residual[:-1] / residual[-1]
         z = inverse @ (y - w)
-        z *= min(1.0, MAX_JOINT_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_CURVATURE))
+        z *= min(1.0, MAX_NEWTON_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_DIVISOR))
         forces = np.zeros(len(in_reach))
         forces[in_reach] = multipliers
         return _Step(z, decrease=float(-g @ z - 0.5 * z @ H @ z), forces=forces)
@@ -255,17 +258,17 @@ class PoseSearch:
         units = np.eye(len(self._lengths))
         room_slopes = np.vstack([units, -units])  # (2 f, f)
         is_beyond = np.zeros(2 * len(units), dtype=bool)
-        for _ in range(MAX_CLOSING_STEPS):
+        for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
             room = self._range_room(q)
             is_beyond |= room < 0.0
             gap = np.append(residual, room[is_beyond])
             K = np.vstack([J, room_slopes[is_beyond]])  # derivatives of the gap
-            if np.abs(gap).max(initial=0.0) < CLOSED:
+            if np.abs(gap).max(initial=0.0) < CLOSED_LOOP:
                 return q
             # the small multiple of the identity allows dependent rows
-            step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
-            if not np.abs(step).max() < MAX_JOINT_STEP:
+            step = -K.T @ np.linalg.solve(K @ K.T + CLOSED_LOOP * np.eye(len(K)), gap)
+            if not np.abs(step).max() < MAX_NEWTON_STEP:
                 return None
             q = integrate_columns(self.robot, q, self.robot.moving, step * self._lengths)
         return None
@@ -367,6 +370,6 @@ class PoseSearch:
 
 
 def _make_definite(matrix: Array) -> Array:
-    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least LEAST_CURVATURE."""
+    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least RANK_ROUNDING."""
     values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T
+    return (vectors * np.maximum(np.abs(values), RANK_ROUNDING)) @ vectors.T

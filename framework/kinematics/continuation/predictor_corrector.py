@@ -26,7 +26,6 @@ MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singular
 FIRST_STEP_RATIO = 1 / 8  # share of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
 MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
-END_ROUNDING = 1e-12  # share of the curve; a pose nearer to the end than this is taken for the end
 
 
 class StepMeasure(NamedTuple):

@@ -23,7 +23,6 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
-    END_ROUNDING,
     FIRST_STEP_RATIO,
     MAX_PREDICTOR_MOVE,
     MAX_STEP_RATIO,
@@ -54,7 +53,7 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
-from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING
+from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
 TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
 POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
@@ -245,7 +244,7 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
     allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
     s_ahead = s_ahead[allowed]
-    return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
+    return np.where(s_ahead > 1.0 - SAME_PLACE, 1.0, s_ahead)
 
 
 def _count_leading(flags: BoolArray) -> int:

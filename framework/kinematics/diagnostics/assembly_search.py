@@ -32,15 +32,11 @@ from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles
-from framework.tolerances import LOOP_GAP
+from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
 ENOUGH_POSES = 8  # number of closed poses of a group after which the search ends
 START_SPREADS = (0.25, 0.5, 1.0)  # shares of each joint's range from which starts are drawn, in turn
-RANDOM_SEED = 0
-# Least distance between limits [rad, robot lengths], or relative to their distance from the reference if
-# larger.
-MIN_JOINT_ROOM = 1e-9
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
 # solver takes steps of least norm (lsmr), because there are more joints than independent equations.
@@ -176,9 +172,9 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
     reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
     lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
-    # the solver refuses equal bounds, so a little room is left between equal limits
+    # the solver refuses equal bounds, so equal limits are moved apart as far as places are still the same
     limited = np.isfinite(lower)
-    room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
+    room = SAME_PLACE * np.maximum(np.abs(lower[limited]), 1.0)
     upper[limited] = np.maximum(upper[limited], lower[limited] + room)
     return lower, upper
 
@@ -195,7 +191,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
     low = np.where(limited, group.lower, -half_range)
     high = np.where(limited, group.upper, half_range)
     reference = np.clip(0.0, low, high)
-    rng = np.random.default_rng(RANDOM_SEED)
+    rng = np.random.default_rng(0)
     poses: list[Array] = []
     best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
