@@ -1,9 +1,15 @@
-"""Independent loop equations and idle joints of a mechanism, determined once at its assembled reference.
+"""Which loop equations are redundant and which joints are idle, determined once at the assembled reference.
 
 The loop equations of a planar robot described in 3D are redundant: those out of its plane follow from the
 others in every pose. A rank-revealing QR finds redundant rows. If the rank drops only at isolated poses,
 these are singularities (see `singularity`). So a reference with a lower rank than nearby poses is refused:
 the structure found there would not hold at any other pose.
+
+Overconstrained mechanisms with rounded dimensions: with exact dimensions some of their loop equations are
+redundant. With dimensions of seven digits these equations contradict the others by about 1e-7, and no pose
+satisfies all of them. So only equations that are independent beyond rounding are solved, exactly. The
+residual of the other equations, `Mechanism.rounded`, is measured along each motion and reported in its
+certificate.
 """
 
 from __future__ import annotations
@@ -31,6 +37,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
 
+ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 ODD_SIZE = 0.02  # rows are scaled to unit size if the largest entry is below this or above its inverse
 
 
@@ -46,11 +53,11 @@ class LoopStructure(ReadOnlyArrays):
 
     @staticmethod
     def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Determine the structure from `motion_matrix` at the reference and at poses nearby.
+        """Determine the structure from the matrices of `motion_matrix`.
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
-            matrices: (n + rows, nv) each, that of the reference first.
+            matrices: (n + rows, nv) at the reference, then at each nearby pose.
         """
         loops = matrices[0][-len(mechanism.rows.names) :]
         independent = independent_rows(loops[:, mechanism.joints])
@@ -71,7 +78,12 @@ def refuse_singular_reference(
     """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
     Two ranks are compared: that of the loops along all joints, and that of platform and loops along the
-    passive joints. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
+    passive joints.
+
+    Args:
+        passive: columns of the velocity vector without a motor and without a spring.
+        poses: (nq,) each, the reference first.
+        matrices: (n + rows, nv) those of `motion_matrix` at these poses.
     """
     reference, *others = matrices
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
@@ -89,7 +101,7 @@ def refuse_singular_reference(
 
 def independent_rows(matrix: Array) -> IntArray:
     """Return the ascending indices of rows that form a basis of the row space."""
-    return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
+    return choose_rows(matrix, numerical_rank(matrix))
 
 
 def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
@@ -98,7 +110,7 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
     Only its springs would close a closure with such an equation, which planning refuses.
 
     Args:
-        independent: rows that are independent along the joints.
+        independent: indices of the rows that are independent along the joints.
         matrices: those of `motion_matrix` at several poses; their last rows are the loops.
     """
     if not mechanism.n_e:
@@ -112,7 +124,7 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
 
 
 def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find one passive joint for each motion that moves neither platform nor loops.
+    """Find one of the `passive` columns (n_p,) for each motion that moves neither platform nor loops.
 
     An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
     along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
@@ -121,7 +133,7 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
     if not len(passive):
         return passive
     motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
-    return np.sort(passive[pivot_rows(motions.T)[: len(motions)]])
+    return passive[choose_rows(motions.T, len(motions))]
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -141,13 +153,13 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
     independent = pivot_rows(at_reference)[:rank_at_reference]
-    span = np.linalg.qr(nearby[independent].T)[0]  # (columns, rank_at_reference) orthonormal
+    span, _ = np.linalg.qr(nearby[independent].T)  # (columns, rank_at_reference) orthonormal
     outside = nearby - nearby @ span @ span.T  # components of all rows orthogonal to the span
-    return np.sort(pivot_rows(outside)[: rank - rank_at_reference])
+    return choose_rows(outside, rank - rank_at_reference)
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
-    """Count the singular values above `level` times the largest."""
+    """Count the singular values of a matrix above `level` times the largest."""
     values = singular_values(matrix)
     return int(np.sum(values > level * values.max(initial=0.0)))
 
@@ -162,8 +174,16 @@ def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
     return split_row_space(matrix, level, scale=(1.0, np.inf), at_least=at_least)[1]
 
 
+def choose_rows(matrix: Array, count: int) -> IntArray:
+    """Choose `count` rows of a matrix that are as independent as possible; return ascending indices."""
+    return np.sort(pivot_rows(matrix)[:count])
+
+
 def pivot_rows(matrix: Array) -> IntArray:
-    """Order the rows of a matrix: each is the farthest from the span of its predecessors."""
+    """Order the rows of a matrix (m, k): each is the farthest from the span of its predecessors.
+
+    This is a Gram-Schmidt process with pivoting; the result has the indices of all m rows.
+    """
     outside = matrix.copy()  # components of all rows orthogonal to the rows chosen so far
     order = np.arange(len(matrix))
     for chosen in range(min(matrix.shape)):
@@ -176,16 +196,13 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest entry (m,) of each equation (m, columns), or 1 if near 1.
+    """Return the largest |entry| (m,) of each equation (m, columns), or 1 if between 0.02 and 50.
 
     Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
     return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)
-
-
-ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 
 
 def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
@@ -225,7 +242,10 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Move rows that are redundant except for rounding at q (nq,) to `rounded`; None without any."""
+    """Move rows that are redundant except for rounding at q (nq,) from `rows` to `rounded`.
+
+    None if there are no such rows, or if the loops are open by more than rounding.
+    """
     rows = mechanism.rows
     matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)

@@ -1,10 +1,20 @@
-"""Velocities and accelerations of all joints from those of the platform; time derivatives of dF/dq.
+"""Velocities and accelerations of all joints from those of the platform, and their exact derivatives.
 
 At prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. One
 factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says.
 
-An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
-screw S of a joint, both about the base's origin. So the rates of W and S give the rate of dF/dq.
+An entry of J = dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
+screw S of a joint, both about the base's origin. So the rates of W and S give the rates of J.
+
+Derivatives of a motion (`coordinate_changes`) are taken along coordinates y of the closed robot: those of the
+platform, and positions of joints that the platform does not determine. Let Y = dq/dy be the motions that keep
+the loops closed. A change dy changes a motion q(t) by Y dy, and its rates and accelerations by the time
+derivatives of Y dy. With primes for time derivatives,
+
+    J Y = E,        J Y' = E' - J' Y,        J Y" = E" - 2 J' Y' - J" Y,
+
+where E has the platform's twists for unit rates (`unit_twists`). Like the motion itself, the derivatives are
+regular at Type 2.
 """
 
 from __future__ import annotations
@@ -42,7 +52,7 @@ class Motion:
     q: Array  # (T, nq)
     v: Array  # (T, nv)
     a: Array  # (T, nv)
-    linearised: LinearisedLoops
+    linearised: LinearisedLoops  # at q
     wrenches: tuple[AppliedWrench, ...] = ()  # external ones
 
     def with_wrenches(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
@@ -53,9 +63,12 @@ class Motion:
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv) for platform velocities (..., T, n).
+    """Compute joint rates (..., T, nv) at platform velocities `platform` (..., T, n), idle turns at rest.
 
     The rates of the deflections are `elastic` (T, n_e), or zero if None.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant.
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : robot.n] = platform
@@ -68,7 +81,8 @@ def solve_rates(
     """Solve J_moving v_moving = right - J_elastic v_elastic for joint rates (..., T, nv), J = dF/dq.
 
     Args:
-        elastic: rates (..., T, n_e) of the springs' joints; zero if None.
+        right: (..., T, n + m) rates of the equations.
+        elastic: (..., T, n_e) rates of the springs' joints; zero if None.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
@@ -82,7 +96,7 @@ def solve_rates(
 
 
 def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
-    """Solve J_moving v_moving = right (..., T, n + m) for the rates of moving joints, J = dF/dq.
+    """Solve J_moving v_moving = right (..., T, n + m) for rates (..., T, moving), J = dF/dq.
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
@@ -106,12 +120,15 @@ def motion_at(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
+    """Compute the motion of all joints at platform rates dx, ddx (T, n).
+
+    The deflections have the rates dq_e and accelerations ddq_e (T, n_e); zero if None.
+    """
     return _motion_of_twist(robot, closed.linearised, robot.platform.twist(closed.x, dx, ddx), dq_e, ddq_e)
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion with the same platform as q (T, nq), v, a (T, nv), deflections constant."""
+    """Compute the motion with constant deflections and the platform's motion of q (T, nq), v, a (T, nv)."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     return _motion_of_twist(robot, linearised, platform_twists(robot, Motion(q, v, a, linearised)))
@@ -131,12 +148,12 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e).
+    """Compute the motion of all joints at a twist (v, dv/dt) of the platform and deflection rates (T, n_e).
 
-    Rates solve J v = (twist, 0). Accelerations solve J a = (dv/dt, 0) - J' v, with the drift J' v of platform
-    and loops. Idle turns, which these equations do not determine, are added to both.
+    Joint rates solve J dq = (v, 0). Accelerations solve J ddq = (dv/dt, 0) - J' dq, with the drift J' dq of
+    platform and loops. Idle turns, which these equations do not determine, are added to both.
     """
-    velocity, acceleration = twist
+    velocity, acceleration = twist  # (T, n) each
     v = joint_rates(robot, linearised, velocity, dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:
@@ -164,10 +181,12 @@ def jacobian_rates(
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
     motions = move_with_bodies(robot, frames, twists)
     V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each
+
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
     dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
-    S, dS, ddS = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
+
+    S, dS, ddS = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))  # one screw a column
     first = dW @ S + linearised.wrenches @ dS
     second = ddW @ S + 2.0 * dW @ dS + linearised.wrenches @ ddS
     return first * robot.equations.signs, second * robot.equations.signs
@@ -189,16 +208,16 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
 
 
 class MotionChanges(NamedTuple):
-    """Changes of a motion by unit steps of k coordinates, (T, k, nv) each.
+    """Changes of a motion q, v, a by unit steps of k coordinates.
 
-    A unit step of a position changes q, v and a by the fields of these names. A unit step of a rate changes v
-    by `q` and a by `a_by_rates`. A unit step of an acceleration changes a by `q`.
+    A unit step of a rate changes v by the field `q`, and a by `a_by_rates`. A unit step of an acceleration
+    changes a by the field `q`.
     """
 
-    q: Array
-    v: Array
-    a: Array
-    a_by_rates: Array
+    q: Array  # (T, k, nv) change of q by a unit step of a position
+    v: Array  # (T, k, nv) change of v by the same step
+    a: Array  # (T, k, nv) change of a by the same step
+    a_by_rates: Array  # (T, k, nv) change of a by a unit step of a rate
 
     @property
     def accelerations(self) -> Array:
@@ -209,7 +228,7 @@ class MotionChanges(NamedTuple):
 def coordinate_changes(
     robot: ParallelRobot, motion: Motion, columns: IntArray, x: CoordinateRates | None = None
 ) -> MotionChanges:
-    """Compute the changes of a motion by unit steps of k coordinates.
+    """Compute the changes of a motion by unit steps of k coordinates, as in the header.
 
     First come the coordinates of the platform, unless x is None, then the joints `columns`. Let dq and dv be
     the changes by a step of a position. A step of a rate changes a by 2 dv - [v, dq]. The Lie bracket [v, dq]
@@ -218,7 +237,7 @@ def coordinate_changes(
     with steps of their own.
 
     Args:
-        columns: joints that are coordinates.
+        columns: joints that are coordinates, as indices into the velocity vector.
         x: platform coordinates x and their rates dx, ddx, (T, n) each.
 
     Raises:
@@ -231,7 +250,7 @@ def coordinate_changes(
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
     right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)
-    dq = _solve_moving(robot, motion, right[0])
+    dq = _solve_moving(robot, motion, right[0])  # Y, with the coordinates as rows
     dq[:, range(n, size), columns] = 1.0
 
     def rest_columns(change: Array) -> Array:
@@ -254,7 +273,7 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
-    """Compute the bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv), zero except for balls."""
+    """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
     bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
     if len(balls):
         bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])

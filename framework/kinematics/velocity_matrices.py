@@ -1,9 +1,16 @@
-"""A, B, C of any parallel robot: A v = B dq_a + C dq_e.
+"""The matrices of A v = B dq_a + C dq_e for any parallel robot, and their derivatives with those of the pose.
 
-The passive rates are eliminated numerically, for every robot in the same way. Let the columns of N span the
-left null space of the passive columns of d[platform ; closures]/dq. Then N' [v ; 0] = N' (actuated columns)
-dq_a + N' (elastic columns) dq_e. Source: Briot and Arakelian 2010, text below Eq. (4); A' lambda = W_p is
-their Eq. (4).
+v is the platform's velocity, q_a the motors' joints and q_e the deflections of the springs. The passive rates
+are eliminated numerically, for every robot in the same way. Let M = dF/dq be the Jacobian of platform and
+loops, F = [platform - x ; closures], and let the rows of L span the left null space of its passive columns.
+Then L [v ; 0] = L (actuated columns) dq_a + L (elastic columns) dq_e. Source: Briot and Arakelian 2010, text
+below Eq. (4); A' lambda = W_p is their Eq. (4).
+
+Derivatives of the pose: if the motors rest while a deflection changes the closures by dc, the passive joints
+close them, P dq_p = -dc, and the platform moves. If the platform rests, all joints follow the deflection.
+Springs may be any joints added to those of a robot. The geometric parameters of a robot are the springs of
+`framework.identification.geometry.parametrise_geometry(robot).model`, so `kinematic_derivatives` of this
+model also gives derivatives along geometric parameters.
 """
 
 from __future__ import annotations
@@ -25,7 +32,10 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 
 class VelocityMatrices(NamedTuple):
-    """Matrices of A v = B dq_a + C dq_e, v on the platform's axes, q_a on the joint side."""
+    """Matrices of A v = B dq_a + C dq_e, v on the platform's axes, q_a on the joint side of the gears.
+
+    m is the number of rows of L; at T configurations each matrix has T as its first dimension.
+    """
 
     A: Array  # (m, n)
     B: Array  # (m, n_a)
@@ -35,8 +45,8 @@ class VelocityMatrices(NamedTuple):
 def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     """Compute A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
 
-    The rows come from an orthonormal basis of a null space, so they are determined up to a rotation. A is
-    singular at Type 2, B at Type 1 singularities.
+    The rows of L are an orthonormal basis of a null space, so A, B and C are determined up to a rotation of
+    their rows. A is singular at Type 2, B at Type 1 singularities.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
@@ -49,9 +59,9 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    Let L be N' of the header, M the Jacobian of platform and loops, and M_p its passive columns. L M_p = 0 at
-    all times, so dL/dt M_p = -L dM_p/dt. The solution of least norm is dL/dt = -L dM_p/dt M_p^+. Another
-    choice of rows adds R A, R B, R C to the rates, with one matrix R (m, m).
+    Let M_p be the passive columns of M. L M_p = 0 at all times, so dL/dt M_p = -L dM_p/dt. The solution of
+    least norm is dL/dt = -L dM_p/dt M_p^+. Another choice of L adds R A, R B, R C to the rates, with one
+    matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
     return matrices_and_derivatives(robot, motion.linearised, jacobian_rate)
@@ -62,8 +72,7 @@ def matrices_and_derivatives(
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A, B, C and their derivatives along any parameter.
 
-    M, L and the choice of dL are those of `matrices_and_rates`, with derivatives along the parameter in place
-    of time derivatives.
+    The derivative of L is that of `matrices_and_rates`, with the parameter in place of time.
 
     Args:
         jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.
@@ -72,11 +81,13 @@ def matrices_and_derivatives(
     dM = _dimensionless_jacobian(robot, jacobian_derivative)
     L, passive = _left_null_space(robot, M), robot.following
     dL = -L @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    # B and C are columns of L M with d(L M) = dL M + L dM; A consists of columns of L itself
-    dA, dB, dC = _eliminate_passive_rates(robot, dL, M)
+
+    # A consists of columns of L; B and C consist of columns of L M, with d(L M) = dL M + L dM
+    dA, B_by_dL, C_by_dL = _eliminate_passive_rates(robot, dL, M)
     _, B_by_dM, C_by_dM = _eliminate_passive_rates(robot, L, dM)
-    derivatives = VelocityMatrices(dA, dB + B_by_dM, dC + C_by_dM)
-    return _with_dimension(robot, _eliminate_passive_rates(robot, L, M)), _with_dimension(robot, derivatives)
+    matrices = _eliminate_passive_rates(robot, L, M)
+    derivatives = VelocityMatrices(dA, B_by_dL + B_by_dM, C_by_dL + C_by_dM)
+    return _with_dimension(robot, matrices), _with_dimension(robot, derivatives)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
@@ -89,23 +100,23 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of L [v; 0] = L M dq.
+    """Return A, B, C of L [v; 0] = L M dq, for L (T, m, n + m) and M (T, n + m, nv).
 
-    Rows of L (T, m, n + m) annihilate the passive columns of M (T, n + m, nv), so passive rates drop out.
+    L annihilates the passive columns of M, so the passive rates drop out.
     """
     return VelocityMatrices(L[:, :, : robot.n], L @ M[:, :, robot.actuated], L @ M[:, :, robot.elastic])
 
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
-    """Return dF/dq (T, n + m, nv) in radians and lengths of the robot."""
+    """Convert dF/dq, or a derivative of it, (T, n + m, nv) to radians and lengths of the robot."""
     return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
-    """Compute orthonormal rows (T, m, n + m) that the passive columns of M (T, n + m, nv) annihilate."""
+    """Compute L (T, m, n + m): orthonormal rows that annihilate the passive columns of M (T, n + m, nv)."""
     passive = robot.following
-    Q = np.linalg.qr(M[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
-    return Q[:, :, len(passive) :].swapaxes(1, 2)  # its last columns are orthogonal to the passive ones
+    Q, _ = np.linalg.qr(M[:, :, passive], mode="complete")  # Q (T, n + m, n + m)
+    return Q[:, :, len(passive) :].swapaxes(1, 2)  # these columns of Q are orthogonal to the passive ones
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
@@ -119,9 +130,9 @@ def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> Velocit
 
 @dataclass(frozen=True, eq=False)
 class PoseSlopes(ReadOnlyArrays):
-    """Derivatives of joints q, platform x and `velocity_matrices` A, B, C of a pose along k joints."""
+    """Derivatives of joints q, platform x and `velocity_matrices` A, B, C at a pose along k joints."""
 
-    q: Array  # (nv, k) as tangent vectors
+    q: Array  # (nv, k) tangent vectors
     x: Array  # (n, k) of the platform's coordinates [m, rad]
     A: Array  # (k, m, n)
     B: Array  # (k, m, n_a)
@@ -133,9 +144,9 @@ class KinematicDerivatives(ReadOnlyArrays):
     """Derivatives at one pose, with idle joints at rest.
 
     Attributes:
-        motors: along the motors' joints, joint side of the gears, at constant deflections.
-        springs: along the deflections q_e, motors at rest.
-        q_a: (n_a, n_e) of the motors' joints along the deflections, platform at rest.
+        motors: derivatives along the motors' joints, joint side of the gears, at constant deflections.
+        springs: derivatives along the deflections q_e, motors at rest.
+        q_a: (n_a, n_e) derivatives of the motors' joints along the deflections, platform at rest.
     """
 
     motors: PoseSlopes
@@ -150,9 +161,9 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     of its plane.
 
     Raises:
-        InvalidInput: q is not assembled; no motor can move alone; or the platform does not determine the
-        joints. SingularPose: the motors do not determine the pose (Type 2). NotAssembled: the platform does
-        not determine the joints (Type 1).
+        InvalidInput: q is not assembled; no motor can move alone; or numbers of axes and freedoms differ.
+        SingularPose: the motors do not determine the pose (Type 2).
+        NotAssembled: the platform does not determine the joints (Type 1).
     """
     closed = assembled_at(robot, q)
     require_mobility(robot)
@@ -175,7 +186,10 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 
 def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of pose and matrices along k joints; passive joints close the loops."""
+    """Compute the derivatives of pose and matrices along the joints `columns` (k,), loops closed.
+
+    The passive joints close the loops; motors and springs that are not among the columns rest.
+    """
     linearised = closed.linearised
     steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):

@@ -1,8 +1,21 @@
-"""Tests that a step from pose to pose stays on its branch instead of jumping to another one.
+"""Steps from pose to pose that stay on their branch, and the turning point at which a branch ends.
 
 In a step the platform follows a path (`tracking`), or the motors turn (`motor_curves`). A step along the
 tangent is accepted if its correction is small compared with the step and its end is on the same branch.
 Otherwise the step is halved.
+
+A branch may end on a singularity. While the motors turn, or the platform follows its path, the loop equations
+F(y, s) = 0 define a curve in the joints y that follow and the share s of the prescribed motion. If the
+prescribed motion excites the escaping motion, the curve remains smooth where M = dF/dy loses rank: only s
+turns back. So the curve is parametrised by t = c . y instead of s, with the unit vector c along dy/ds at the
+start, and
+
+    [M  b] [dy/dt]   [0]
+    [c' 0] [ds/dt] = [1],    b = dF/ds.
+
+The slope ds/dt is the bordered measure of singularity with b as its border (Govaerts 2000, chapter 3). It is
+positive before the turning point and zero at it. The secant method in t finds this root; each iterate also
+takes a Newton step back to the curve. Near the root ds/dt is nearly linear in t, so a few secants suffice.
 """
 
 from __future__ import annotations
@@ -26,10 +39,18 @@ MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singular
 FIRST_STEP_RATIO = 1 / 8  # share of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
 MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
+# A turning point is believed if the curve to it deviates from a parabola by no more than these shares: of the
+# chord, and of the gain in s.
+MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
+FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
+MAX_ARC_LENGTH = (
+    2 * MAX_PREDICTOR_MOVE
+)  # [rad, lengths] norm over all joints; no farther turning point counts
+MAX_SECANTS = 12
 
 
 class StepMeasure(NamedTuple):
-    """Measures that tell whether T steps stayed on their branches."""
+    """What tells whether T steps stayed on their branches."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
     small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step
@@ -54,18 +75,24 @@ def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_ste
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
-    """Return which corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
+    """Return which corrections of steps are small enough for one branch, (T,).
+
+    `correction` (T,) and `advance` (T,), the length of the step, are largest motions of a joint [rad,
+    lengths].
+    """
     allowed = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
     return (correction <= allowed) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Return which steps turn so little that both ends are on one branch, (T,).
+    """Return along which steps the tangent turns so little that both ends are on one branch, (T,).
+
+    All arguments are largest motions of a joint [rad, lengths].
 
     Args:
-        turned: (T,) changes of the steps by the turn of the tangent.
-        correction: (T,) corrections of the steps.
-        advance: (T,) lengths of the steps.
+        turned: (T,) difference of the step along the tangent at the end from that at the start.
+        correction: (T,) correction of the step.
+        advance: (T,) length of the step.
     """
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
@@ -77,19 +104,12 @@ def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
 
 
-# Largest relative deviations from a parabola: of the chord to the turning point, and of the gain in s.
-MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
-FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
-MAX_ARC_LENGTH = 2.0  # [rad, lengths] of all joints together; a turning point farther away is not sought
-MAX_SECANTS = 12
-
-
 class CurveEquations(NamedTuple):
-    """F and its derivatives at T points, dimensionless (radians, lengths of the robot)."""
+    """F (k equations) and its derivatives at T points, dimensionless (radians, lengths of the robot)."""
 
-    matrix: Array  # (T, k, k) M
-    by_share: Array  # (T, k) b
-    residual: Array  # (T, k)
+    matrix: Array  # (T, k, k) M = dF/dy
+    by_share: Array  # (T, k) b = dF/ds
+    residual: Array  # (T, k) F
     linearised: LinearisedLoops  # the same equations with dimensions
 
 
@@ -107,7 +127,7 @@ class CurveEnds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """T curves F(y, s) = 0."""
+    """T curves F(y, s) = 0 of joints y while other joints or the platform follow a prescribed motion."""
 
     robot: ParallelRobot
     columns: IntArray  # (k,) columns of the joints y that follow
@@ -127,15 +147,18 @@ class Curves:
             end_motion = end.length[:, None] * self._joint_motions(end.last_tangent)
             chord = difference(self.robot, q, end.q)
             deviation = largest_motion(self.robot, chord - 0.5 * (start_motion + end_motion))
-            expected_gain = 0.5 * end.length * end.first_tangent[:, -1]
+
+            first_slope = end.first_tangent[:, -1]  # ds/dt at the start
+            expected_gain = 0.5 * end.length * first_slope
             gain_error = np.abs(end.share - share - expected_gain)
+
             found = end.found & (end.share < 1.0)
             found &= deviation <= MAX_CHORD_DEVIATION * largest_motion(self.robot, start_motion)
             found &= gain_error <= MAX_GAIN_DEVIATION * expected_gain
         return end._replace(found=found)
 
     def _joint_motions(self, step: Array) -> Array:
-        """Return joint motions (T, nv) for steps (T, k + 1) in y and s."""
+        """Return joint motions (T, nv) [rad, m] for steps (T, k + 1) in y and s."""
         motion = step[:, -1:] * self.turn
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
@@ -156,11 +179,12 @@ class Curves:
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it
             diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
             rests = converged | diverges
-            step = np.where(rests[:, None], 0.0, step)
+            step[rests] = 0.0
             q = integrate(self.robot, q, self._joint_motions(step))
             share = share + step[:, -1]
             t = t + np.where(rests, 0.0, dt)
             converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
+
             last_slope = tangent[:, -1]  # ds/dt
             equations = self.evaluate(q, share)
             correction, tangent = _newton_step_and_tangent(equations, c)
@@ -173,12 +197,14 @@ class Curves:
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    The matrix is [M b; c' 0], with c (T, k); the right sides are [-F; 0] and [0; 1]. So Newton's step does
-    not change c . y.
+    The matrix is [M b; c' 0] of the header, with c (T, k); the right sides are [-F; 0] and [0; 1]. So
+    Newton's step does not change t = c . y.
     """
     count, size = c.shape
-    top = [equations.matrix, equations.by_share[:, :, None]]
-    bordered = np.block([top, [c[:, None], np.zeros((count, 1, 1))]])
+    bordered = np.zeros((count, size + 1, size + 1))
+    bordered[:, :-1, :-1] = equations.matrix
+    bordered[:, :-1, -1] = equations.by_share
+    bordered[:, -1, :-1] = c
     newton_right, tangent_right = np.zeros((2, count, size + 1))
     newton_right[:, :-1] = -equations.residual
     tangent_right[:, -1] = 1.0

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
 from framework.kinematics.frames import frames_at, full_motion
-from framework.kinematics.loop_structure import motion_matrix, pivot_rows
+from framework.kinematics.loop_structure import choose_rows, motion_matrix
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
@@ -203,5 +203,4 @@ def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int,
     if not motions.shape[1]:
         return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)
-    pivots = pivot_rows(motions[joints])[: motions.shape[1]]
-    return tuple(np.sort(joints[pivots]).tolist())
+    return tuple(joints[choose_rows(motions[joints], motions.shape[1])].tolist())

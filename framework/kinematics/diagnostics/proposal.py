@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr
 
 from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
@@ -34,7 +33,7 @@ from framework.kinematics.diagnostics.mobility import (
     row_and_null_space,
     scaled_twists,
 )
-from framework.kinematics.loop_structure import assemble_mechanism, independent_rows, rounded_gap
+from framework.kinematics.loop_structure import assemble_mechanism, choose_rows, independent_rows, rounded_gap
 from framework.kinematics.mechanism import Mechanism, frame_index, velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
@@ -352,8 +351,7 @@ def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
-        _, _, pivots = qr(rates.T, pivoting=True)
-        return [names[i] for i in sorted(pivots[:count])]
+        return [names[i] for i in choose_rows(rates, count)]
 
     choices = list(combinations(names, count))
     indices = np.array(list(combinations(range(len(names)), count)))  # (choices, count)
@@ -454,8 +452,7 @@ def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platfor
         if len(names) < count:
             continue
         rates = motions.rates(names)
-        _, _, pivots = qr(rates.T, pivoting=True)
-        chosen = sorted(pivots[:count])  # the joints with the most independent rates
+        chosen = choose_rows(rates, count)
         if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
             yield Platform(tree.joints[joints[-1]].child, (), joints)
