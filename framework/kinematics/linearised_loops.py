@@ -2,7 +2,12 @@
 
 F(q) = [platform(q) - x ; closures(q)] has n equations of the platform and m independent ones of the loops.
 Every matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) consists of rows and columns of
-dF/dq.
+J = dF/dq. P has the rows of the loops and the columns of the passive joints, and loses rank at Type 2
+singularities. The Type 1 matrix has all rows and the columns of actuated and passive joints.
+
+Functions from `scaled_loops` on return dimensionless matrices: rows (equations) and columns (joints) are in
+radians and lengths of the robot. So the singular values by which rank is judged do not depend on the unit of
+length.
 """
 
 from __future__ import annotations
@@ -23,20 +28,22 @@ from framework.numerics.banded_lu import Factors
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import FILE_ROUNDING, RANK_LOST
 
+CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
+
 
 @dataclass(frozen=True, eq=False)
 class LinearisedLoops:
     """F and its derivatives at T configurations, with m independent loop equations."""
 
-    equations: Equations
-    frames: FrameStack
+    equations: Equations  # what does not depend on the configuration
+    frames: FrameStack  # of the robot at these configurations
     loops: LoopWrenches  # all loop equations of the robot, redundant ones included
-    residual: Array  # (T, n + m) F
+    residual: Array  # (T, n + m) F [m or rad]
     wrenches: Array  # (T, n + m, 6) of platform and independent loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one configuration k (T = 1) or at several."""
+        """Return the equations at the configuration of index k (T = 1), or at several."""
         all_indices = np.arange(len(self.residual))
         which = np.atleast_1d(all_indices[k])
         if np.array_equal(which, all_indices):
@@ -92,11 +99,11 @@ class LinearisedLoops:
 
 @dataclass(frozen=True, eq=False)
 class ClosedStack:
-    """Configurations `q` (T, nq) at platform coordinates `x` (T, n), with their `linearised` equations."""
+    """T configurations with closed loops."""
 
-    q: Array
-    x: Array
-    linearised: LinearisedLoops
+    q: Array  # (T, nq)
+    x: Array  # (T, n) platform coordinates
+    linearised: LinearisedLoops  # at q and x
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
@@ -107,14 +114,17 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
     equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
+
     residual = np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(independent, axis=1)
-    wrenches = np.empty((*residual.shape, 6))
+
+    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, then about the base's origin
     wrenches[:, :n] = robot.platform.wrenches(frames)
     wrenches[:, n:] = loops.wrench.take(independent, axis=1)
     wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
+
     jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
     return LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
@@ -148,12 +158,14 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     return ClosedStack(q, robot.platform.coordinates(linearised.frames), linearised)
 
 
-CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
-
-
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
     return scale_jacobian(robot, linearised.closures, robot.loops.rotation)
+
+
+def moving_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Return the columns (T, m, moving) of `scaled_loops` along actuated and passive joints."""
+    return scaled_loops(robot, linearised)[:, :, robot.moving]
 
 
 def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -225,12 +237,11 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
 
 
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Compute by how much (T,) the rank of the independent loop equations drops.
+    """Count the singular values (T,) of the independent loops, with all joints moving, that vanish.
 
-    The rank drops by one for each singular value, in radians and robot lengths, that is below `level` times
-    the largest one, or times 1 if this is more.
+    A singular value vanishes if it is below `level` times the largest one, or times 1 if this is more.
     """
-    values = singular_values(scaled_loops(robot, linearised)[:, :, robot.moving])
+    values = singular_values(moving_loops(robot, linearised))
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
     return np.sum(values < level * largest[:, None], axis=1)
 
@@ -241,6 +252,5 @@ def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     The motions are orthonormal in radians and robot lengths; the rates are in rad and m. f is the number of
     degrees of freedom, and larger where the loop equations lose rank.
     """
-    columns = robot.moving
-    allowed = null_directions(scaled_loops(robot, linearised)[0][:, columns])
-    return allowed.T * robot.column_scale[columns][:, None]
+    allowed = null_directions(moving_loops(robot, linearised)[0])  # (f, k)
+    return (allowed * robot.column_scale[robot.moving]).T

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, scaled_loops, scaled_platform, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
@@ -64,7 +64,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
     the motions that the loops allow, continued from one configuration to the next. Then det (platform N)
     changes sign at Type 1 singularities only. A configuration whose loops have lost rank belongs to no mode.
     """
-    least = singular_values(scaled_loops(robot, ends)[:, :, robot.moving]).min(axis=1, initial=np.inf)
+    least = singular_values(moving_loops(robot, ends)).min(axis=1, initial=np.inf)
     has_rank = least >= RANK_LOST
     determinants = np.concatenate([start.factors.slogdet, ends.factors.slogdet], axis=1)  # (2, 1 + T)
     keeps = has_rank & keeps_sign(determinants[:, :-1], determinants[:, 1:])
@@ -94,7 +94,7 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
     The matrix platform N maps amplitudes of these motions to twists. Its determinant vanishes where the loops
     allow a motion with the platform at rest; its sign depends on the orientation of N.
     """
-    loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
+    loops = moving_loops(robot, linearised)[0]  # (m, moving)
     basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops
     platform = scaled_platform(robot, linearised)[0][:, robot.moving]
     return basis, float(np.linalg.det(platform @ basis))

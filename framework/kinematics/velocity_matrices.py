@@ -24,6 +24,7 @@ from framework.errors import SingularPose
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
+from framework.kinematics.continuation.motor_curves import rates_closing_loops
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, find_near_type2
 from framework.kinematics.motion_rates import Motion, jacobian_rates, moving_rates
@@ -190,14 +191,10 @@ def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArr
 
     The passive joints close the loops; motors and springs that are not among the columns rest.
     """
-    linearised = closed.linearised
-    steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
-    if len(robot.following):
-        gaps = linearised.closures[0][:, columns].T  # (k, m) rates at which these joints open the loops
-        steps[:, robot.following] = -linearised.passive_factors.solve(gaps[:, None])[:, 0]
-    copies = linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    steps = rates_closing_loops(robot, copies, np.eye(robot.nv)[columns])  # (k, nv)
     jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
     _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
-    twists = linearised.platform[0] @ steps.T  # (n, k)
+    twists = closed.linearised.platform[0] @ steps.T  # (n, k)
     dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
     return PoseSlopes(steps.T, dx, *slopes)

@@ -10,6 +10,7 @@ root, or where branches cross, near which steps become ever shorter.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -127,19 +128,12 @@ def follow_curves(
 def _begin_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
 ) -> MotorCurves:
-    """Return T curves at their common start, with joint rates for the motors' turns (T, nv).
-
-    If P is singular to the last bit, no rates exist and the clearance is set to zero.
-    """
+    """Return T curves at their common start, with joint rates for the motors' turns (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
     curves = select(start, copies)
     curves.share[:], curves.steps[:] = 0.0, 0
     curves.least[:] = curves.largest[:] = curves.clearance
-    rate = motor_driven_rates(robot, linearised.select(copies), turn)
-    if rate is None:
-        curves.clearance[:] = 0.0
-        return curves._replace(rate=turn.copy())
-    return curves._replace(rate=rate)
+    return curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
@@ -157,10 +151,10 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     rows = np.flatnonzero(closing.closed)  # of the S that close
     linearised = closing.linearised.select(rows)
     current, length = select(current, rows), length[rows]
-    rate = motor_driven_rates(robot, linearised, turn[rows])
+    rate = rates_closing_loops(robot, linearised, turn[rows])
     ends = curves_at(robot, linearised, current.x)
     ends = ends._replace(
-        rate=turn[rows] if rate is None else rate,
+        rate=rate,
         share=share[rows],
         steps=current.steps + 1,
         least=np.minimum(current.least, ends.clearance),
@@ -185,16 +179,18 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
     return close_each(robot, None, guess)
 
 
-def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute all joint rates (T, nv) for motor rates `turn` (T, nv); None if P is singular."""
-    rate, columns = turn.copy(), robot.following
+def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates: Array) -> Array:
+    """Return `rates` (T, nv) of all other joints with the passive rates that keep the loops closed.
+
+    If P is singular to the last bit, no such rates exist, and the passive joints stay at rest.
+    """
+    columns = robot.following
+    closing = rates.copy()
     if len(columns):
-        gap_rates = np.matvec(linearised.closures, turn)  # (T, m) with the passive joints at rest
-        try:
-            rate[:, columns] = -linearised.passive_factors.solve(gap_rates)
-        except np.linalg.LinAlgError:
-            return None
-    return rate
+        gap_rates = np.matvec(linearised.closures, rates)  # (T, m) with the passive joints at rest
+        with suppress(np.linalg.LinAlgError):
+            closing[:, columns] = -linearised.passive_factors.solve(gap_rates)
+    return closing
 
 
 def _end_at_turning_points(
