@@ -19,29 +19,26 @@ from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
 NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random directions tried
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
 MIN_NEARBY_RATIO = 0.1  # share of NEARBY_DISTANCE; a pose that closes nearer counts as the reference itself
 SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 100  # of Newton's method
 ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
 MIN_DAMPING = 1e-4  # the line search halves a Newton step until its share is no larger than this
 
 
 @dataclass(frozen=True, eq=False)
 class Configuration(ReadOnlyArrays):
-    """A configuration with closed loops, as returned by solvers.
+    """A configuration with closed loops, as returned by solvers."""
 
-    `q` (nq,), platform `x` (n,), largest loop `residual` [m or rad], Newton `iterations`.
-    """
-
-    q: Array
-    x: Array
-    residual: float
-    iterations: int
+    q: Array  # (nq,)
+    x: Array  # (n,) platform coordinates
+    residual: float  # largest residual of a loop equation [m or rad]
+    iterations: int  # of Newton's method
 
 
 def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array:
-    """Return q (nq,) of an array or of a `Configuration`, checked.
+    """Return the checked q (nq,) of `pose`, an array or a `Configuration`.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.
@@ -101,12 +98,13 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
-        share, trial_norm = 2.0, np.inf  # the share is halved before each trial
+
+        share, trial_norm = 2.0, np.inf  # the share of the step is halved before each trial
         while trial_norm > norm and share > MIN_DAMPING:
             share *= 0.5
             trial = integrate_columns(mechanism, q, free, share * step)
             trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
-        if trial_norm >= norm:
+        if trial_norm >= norm:  # no share of the step improves the iterate
             break
         q, norm = trial, trial_norm
     residual = np.abs(residual_at(mechanism, q))
@@ -156,7 +154,7 @@ def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Raise NotAssembled if a stated joint of a closed pose is far from its value in the file."""
+    """Raise NotAssembled if a joint of the columns `stated` is far from its value in the file."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -173,7 +171,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate and a remark on angles that look like degrees."""
+    """Return the error for a `reason`, with a remark on angles that look like degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -185,7 +183,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     are closed again. The configurations lie in different directions from the reference. A rigid structure has
     none.
     """
-    joints = mechanism.joints
+    joints, scale = mechanism.joints, mechanism.column_scale
     allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
@@ -194,9 +192,10 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,)
-        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
+        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
-        offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
+
+        offset = difference(mechanism, reference, closing.q) / scale
         distance = np.linalg.norm(offset)
         if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue

@@ -5,7 +5,7 @@ of k couples on the angular velocity w of the frame,
 
     v = couples(R) w = E(x) dx,
 
-where dx are the rates of x.
+where dx are the time derivatives of x.
 
 A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples,
 their rates and E(x) are analytic functions, so complex steps differentiate them.
@@ -80,11 +80,14 @@ class Attitude(ReadOnlyArrays):
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute E(x) u and its time derivative, (T, k) each, for rates dx and du of x and u."""
+        """Compute E(x) u for vectors u (T, k), and its time derivative, (T, k) each.
+
+        dx and du (T, k) are the time derivatives of x and u.
+        """
         return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute the coordinates (T, k) of the same attitudes nearest to `near` (k,) or (T, k)."""
+        """Return the coordinates (T, k) of the attitudes x that are nearest to `near` (k,) or (T, k)."""
         return x + whole_turns(near - x)
 
 
@@ -101,8 +104,9 @@ class TwistAngle(Attitude):
         """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
         i = int(self.axes[0])
         j, k = (i + 1) % 3, (i + 2) % 3
-        sine = rotation[:, k, j] - rotation[:, j, k]
-        return np.arctan2(sine, rotation[:, j, j] + rotation[:, k, k])[:, None]
+        sine = rotation[:, k, j] - rotation[:, j, k]  # sine and cosine, both times the same factor
+        cosine = rotation[:, j, j] + rotation[:, k, k]
+        return np.arctan2(sine, cosine)[:, None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The loop equations closures(q) = 0 with Jacobian and drift, for stacks of configurations.
+"""The loop equations closures(q) = 0 with their derivatives, for stacks of configurations.
 
 Each equation has a wrench between its two bodies. The derivative of the equation along a joint is the power
 of this wrench on the joint's screw (Ball's reciprocal product) if the joint carries one of the bodies, and
@@ -68,11 +68,6 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     return LoopEquations(residual, jacobian)
 
 
-def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
-    """Compute the wrenches (T, m, 6) of `loop_wrenches` about the base's origin."""
-    return move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
-
-
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have zero wrenches.
 
@@ -98,9 +93,10 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     """Compute changes (..., m, 6) of the rows' wrenches about the base's origin, to first order.
 
-    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. With
-    primes for changes, the wrench with the force f and the couple b x a at the point p changes by (f', b' x a
-    + b x a' + p' x f + p x f').
+    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. The
+    wrench of a row consists of a force f along a and a couple along b x a, with the `row_factors` a and b, at
+    the second frame's origin p. With primes for changes, it changes by the force f' and the moment
+    b' x a + b x a' + p' x f + p x f', weights left out.
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
@@ -116,8 +112,8 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     """Compute the second time derivatives (..., m) of the loop equations for motions of the frames.
 
-    With both factors a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". Without joint
-    accelerations they are the drift dJ/dt v.
+    With the `row_factors` a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". If the motions have
+    no joint accelerations, they are the drift dJ/dt v.
     """
     (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
     terms = dda * b + 2.0 * da * db + a * ddb
@@ -126,9 +122,10 @@ def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
-    """Select the two vectors (..., m, 3) whose scalar product is each row, see `LoopRows`.
+    """Select the two vectors a, b (..., m, 3) whose scalar product is each row, see `LoopRows`.
 
-    The first vector is u, or d in a row d . d. The second is d, or w in a rotation row. Both are linear in
+    The axis u belongs to the first frame of a row and the axis w to the second; d leads from the first origin
+    to the second. a is u, or d in a row d . d. b is d, or w in a rotation row u . w. Both are linear in
     `placements` (..., F, 4, 3), the axes and origins of the frames. So rates of `placements` give rates of
     the vectors.
     """
@@ -143,7 +140,7 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
 
 
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
-    """Return a Jacobian (..., m, nv) made dimensionless: metres become lengths of the mechanism.
+    """Return a Jacobian `matrix` (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 
     `turning` (m,) marks the rows that are angles. Rank and conditioning are judged on the result, so they do
     not depend on the unit of length.
@@ -152,7 +149,7 @@ def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> A
 
 
 def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
-    """Return factors (m,) that make equations dimensionless: 1 for angles, else 1 / length."""
+    """Return factors (m,) that make equations dimensionless: 1 if `turning` (m,), else 1 / length."""
     return np.where(turning, 1.0, 1.0 / mechanism.length)
 
 
@@ -172,7 +169,10 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the closure with the largest direction gap (T = 1); None if none is flipped."""
+    """Return the name of the flipped closure with the largest direction gap; None if none is flipped.
+
+    `frames` are those of one configuration (T = 1).
+    """
     directions = mechanism.directions
     distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)  # (d,) between tips of axes
     # a distance is 0 in the right pose, and sqrt(2) or more in a flipped one
@@ -184,9 +184,10 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
 
     Row i, column j is the change of the force on joint i by a unit motion of joint j.
     """
-    units = np.eye(mechanism.nv)[None]
-    wrenches = base_wrenches(rows, frames)
-    return loop_force_changes(mechanism, rows, frames, wrenches, multipliers, units).swapaxes(1, 2)
+    unit_motions = np.eye(mechanism.nv)[None]
+    wrenches = move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
+    changes = loop_force_changes(mechanism, rows, frames, wrenches, multipliers, unit_motions)
+    return changes.swapaxes(1, 2)
 
 
 def loop_force_changes(
@@ -199,16 +200,18 @@ def loop_force_changes(
 ) -> Array:
     """Compute changes (T, k, nv) of the loop forces J' lambda by motions (T, k, nv).
 
-    The multipliers lambda (T, m) are constant. The force on joint i is S_i . W_i, with W_i the sum of the
-    loops' `wrenches` (T, m, 6) on the bodies that joint i carries. S_i changes with the joints that precede
-    i, and W_i with the frames.
+    The `multipliers` lambda (T, m) are constant. The force on joint i is S_i . W_i, with its screw S_i and
+    the sum W_i of the loops' `wrenches` (T, m, 6) on the bodies that it carries, all about the base's origin.
+    S_i changes with the joints that precede i, and W_i with the frames.
     """
     screws, placements = frames.screws, frames.placements[:, None]
     carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
     steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
+
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
     by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
+
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)
     by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
     return by_wrenches + by_screws

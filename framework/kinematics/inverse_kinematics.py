@@ -1,4 +1,4 @@
-"""Inverse kinematics: Newton's method on the loops at prescribed platform coordinates.
+"""Inverse kinematics: Newton's method on the loops at prescribed platform coordinates; idle turns.
 
 At given x and deflections q_e, F(q) = [platform(q) - x ; closures(q)] = 0 determines all other coordinates.
 The Jacobian along these is square, and regular except at Type 1 singularities; Type 2 singularities do not
@@ -6,11 +6,22 @@ matter. If the motors are prescribed instead (`close_each` without x), closures(
 joints, except at Type 2. `assembly` closes the reference, where neither is prescribed. The simulation, an
 independent check, closes its start with its own code.
 
-None of these equations determines the spin of a rod between two balls. Planning holds the rate of this spin
-at zero about axes that move with the rod. The resulting angle depends on all earlier poses, Newton iterates
-included, so its last digits are not a smooth function of time. Before configurations are interpolated,
-`remove_idle_spin` turns the ball until its rotation vector from the start of the branch has no component
-along the axis. No force depends on this turn, because it moves no centre of mass.
+Idle turns are motions that these equations do not determine: a rod between two balls may turn about its own
+axis without moving a centre of mass. The turn rests if nothing acts on it. Damping in the balls drives it;
+without damping, armature in the balls does. With G the diagonal matrix of damping or armature, Z(q) the
+motion of the turn alone, and joint rates v and accelerations a,
+
+    Z' G v = 0        no damping torque along the turn, or no angular momentum of the armature
+    Z' G a = -dZ/dt' G v
+
+So the rates of the turn remain a function of the pose, linear in the rates of the platform, which motion laws
+need. Only balls with equal values about all three axes count, because their effect does not depend on the
+angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
+the rod's own inertia.
+
+The angle of an idle turn depends on all earlier poses, Newton iterates included, so its last digits are not a
+smooth function of time. Before configurations are interpolated, `remove_idle_spin` turns the ball until its
+rotation vector from the start of the branch has no component along the axis. No force depends on this angle.
 """
 
 from __future__ import annotations
@@ -36,7 +47,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 25  # of Newton's method
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -57,7 +68,7 @@ def require_joints_close(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless n equals the mobility and n_a is at least as large."""
+    """Raise InvalidInput unless the mobility equals n and is at most n_a."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -80,9 +91,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
-    gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)  # (T,)
-    worst = np.argmax(np.where(closed, 0.0, gaps))
-    residual = float(np.abs(linearised.residual[worst]).max())
+    gaps = np.abs(linearised.residual).max(axis=1)  # (T,)
+    worst = np.argmax(np.where(closed, 0.0, gaps))  # the first NaN if there is one
+    residual = float(gaps[worst])
     raise NotAssembled(
         f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
         f"{residual:.3g} m or rad left after {MAX_ITERATIONS} iterations",
@@ -94,9 +105,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
 class NewtonResult(NamedTuple):
     """The result of Newton's method at T instants."""
 
-    q: Array  # (T, nq)
+    q: Array  # (T, nq) last iterates
     linearised: LinearisedLoops  # at q
-    closed: BoolArray  # (T,) whether the last step was small enough
+    closed: BoolArray  # (T,) whether the last step was below NEWTON_STEP
 
 
 def close_each(
@@ -114,6 +125,7 @@ def close_each(
     are singular, or where a step is too large, is dropped as not `closed`, and the others go on.
 
     Args:
+        x: (T, n) platform coordinates, or None.
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
     """
@@ -126,11 +138,13 @@ def close_each(
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or size.max(initial=0.0) < NEWTON_STEP:
             break
+
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live = live[regular]
             size = np.full(len(live), np.inf)
             continue
+
         steps = steps / lengths
         size = np.abs(steps).max(axis=1, initial=0.0)
         is_near = size <= farthest
@@ -139,6 +153,7 @@ def close_each(
             break
         steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
+
     closed = np.zeros(len(q), dtype=bool)
     closed[live] = size < NEWTON_STEP
     if len(live) < len(q):
@@ -149,10 +164,10 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (T, k), and which instants are regular (T,).
+    """Compute Newton's steps (T, k) of the k joints that move, and which instants are regular (T,).
 
-    The steps are those of the passive joints if `at_motors`, else of all moving joints. They are valid only
-    if all instants are regular.
+    The passive joints move if `at_motors`, else all moving joints do. The steps are valid only if all
+    instants are regular.
     """
     if at_motors:
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
@@ -169,10 +184,10 @@ def _newton_steps(
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
-    """Turn the k idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
+    """Turn the k idle balls of configurations q (T, nq) at x (T, n) until their spin is zero.
 
-    The spin is the idle component of the rotation vector from the origin. Newton's method for the angles of
-    the turns makes the spin zero; the loops are closed again after each step.
+    The spin is the idle component of the rotation vector from `origin` (nq,) to q. Newton's method on the
+    angles of the turns makes it zero; the loops are closed again after each step.
 
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
@@ -200,17 +215,17 @@ class IdleTurns:
     """The k idle turns at T instants."""
 
     motions: Array  # Z (T, nv, k): the motion of each turn alone
-    rows: Array  # Z' G (T, k, nv); for a resting turn the unit row of its joint
-    weights: Array  # G (k, nv) of each turn; zero for a resting turn
+    rows: Array  # Z' G (T, k, nv); for a turn at rest the unit row of its joint
+    weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
+        """Add the turns Z y to `rates` (..., T, nv) for which Z' G (rates + Z y) = `right` (T, k)."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
-        """Compute the time derivative (T, k, nv) of `rows` from that of dF/dq (T, n + m, nv)."""
+        """Compute the time derivative (T, k, nv) of `rows` from `jacobian_rate`, that of dF/dq."""
         rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
         return rates.swapaxes(1, 2) * self.weights
 
@@ -262,7 +277,7 @@ def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute Z (T, nv, k): all joint rates at unit rate of one idle joint, the others at rest."""
+    """Compute Z (T, nv, k): joint rates that close the loops at a unit rate of each idle joint in turn."""
     idle = robot.structure.idle
     motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
     motions[:, idle] = np.eye(len(idle))
@@ -270,7 +285,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute motions (T, nv, k) of the moving joints that cancel changes `gaps` (T, n + m, k) of F."""
+    """Compute the motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
     closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
     motions = np.zeros((len(gaps), robot.nv, len(closing)))
     motions[:, robot.moving] = np.moveaxis(closing, 0, 2)

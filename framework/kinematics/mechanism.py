@@ -42,20 +42,20 @@ MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
 
-    `elastic` (n_e,) indexes pinocchio's velocity vector, in the order of the robot file. A mechanism does not
-    change after construction; `dataclasses.replace` makes another one.
+    A column is an index into pinocchio's velocity vector (nv,). A mechanism does not change after
+    construction; `dataclasses.replace` makes another one.
     """
 
-    description: RobotDescription
+    description: RobotDescription  # content of the robot file
     flexibility: str  # the least flexibility that has these springs
-    model: pin.Model
-    elastic: IntArray
+    model: pin.Model  # the open tree
+    elastic: IntArray  # (n_e,) columns of the springs' own joints, in the order of the robot file
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
     joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
     joint_rest: Array  # (nv,) positions at which these springs exert no torque
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
-    elastic_names: Names  # (n_e,)
+    elastic_names: Names  # (n_e,) of the springs' own joints
     frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
     rows: LoopRows  # all loop equations, redundant ones included
     rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `loop_structure`
@@ -134,7 +134,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def has_balls(self) -> bool:
-        """Whether a joint has a quaternion, which makes q longer than the velocity vector."""
+        """Whether a joint is a ball, whose quaternion makes q longer than the velocity vector."""
         return self.model.nq > self.model.nv
 
     @cached_property
@@ -226,7 +226,7 @@ class Mechanism(ReadOnlyArrays):
 
 
 def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the columns (k,) of k joints by name."""
+    """Return the columns (k,) of k coordinates by name."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
@@ -243,7 +243,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
-    reference = file_axes(model).T @ _joint_vector(model, description.reference)
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)  # (nv,)
     q_near = pin.integrate(model, pin.neutral(model), reference)
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
@@ -312,7 +312,7 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its joints as indices into v (`columns`) and q (`places`)."""
+    """Return a coupling with its two joints as indices into the velocity vector and into q."""
     follower = model.joints[model.getJointId(coupling.joint)]
     leader = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
@@ -354,10 +354,9 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     moving = {k for k, frame in enumerate(model.frames) if frame.parentJoint > 0}
     placements = [*data.oMi[1:], *(data.oMf[k] for k in moving.union(frames))]
     points = np.array([placement.translation for placement in placements])  # (k, 3)
-    distances = np.linalg.norm(points[:, None] - points, axis=2)  # (k, k)
-    gyration = [0.0]  # radii of moving bodies
+    size = np.linalg.norm(points[:, None] - points, axis=2).max()
     for body in model.inertias[1:]:
         if body.mass > 0.0:
-            square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
-            gyration.append(np.sqrt(square))
-    return float(max(distances.max(), *gyration)) or 1.0
+            gyration_square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
+            size = max(size, np.sqrt(gyration_square))
+    return float(size) or 1.0

@@ -1,4 +1,4 @@
-"""Placements and velocities of a robot's joints and frames along a motion, for drawing."""
+"""Placements and velocities of a robot's joints and frames at F configurations, for drawing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from framework.kinematics.frames import frames_at, tree_columns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.platform import frame_wrench
 from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -34,18 +34,25 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
 
 
 def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute the origin (F, 3) of the platform's frame for poses of `joint_poses`."""
+    """Compute the origin (F, 3) [m] of the platform's frame at `poses` of `joint_poses`."""
     return frame_origins(robot, poses, robot.frames[0])
 
 
 def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Compute twists (F, 6) of the platform's frame, base axes, for velocities v (F, n) at q (F, nq)."""
+    """Compute the twists (F, 6) of the platform's frame at platform velocities v (F, n) and q (F, nq).
+
+    They refer to the frame's origin and are on base axes.
+    """
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
-    """Compute wrenches (F, 6) at the platform's origin, base axes, for components W (F, n) at q (F, nq)."""
-    return frame_wrench(robot.platform, frames_at(robot, q), W)
+    """Compute the wrenches (F, 6) at the platform's origin, on base axes, whose power is W . v.
+
+    The components W (F, n) belong to configurations q (F, nq).
+    """
+    units = np.broadcast_to(robot.platform.wrenches(frames_at(robot, q)), (len(W), robot.n, 6))
+    return matvec(units.swapaxes(1, 2), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
@@ -122,7 +129,7 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
     All hinges of a planar robot are parallel to the normal, all slides are perpendicular to it.
     """
     screws = frames_at(robot, robot.reference.q[None]).screws[0]  # (nv, 6)
-    turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # 1 for hinges, 0 for slides
+    turning = screws[:, 3:].any(axis=1)  # slides have no angular velocity
     if not turning.any():
         return None
     hinges, slides = screws[turning, 3:], screws[~turning, :3]  # unit axes

@@ -29,6 +29,7 @@ from framework.model.urdf_elements import COORDINATE_SUFFIXES
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
+# suffixes of the names of a floating joint's slides, with their kinds
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
 CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this defines no direction
 
@@ -44,7 +45,8 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
     """
     several = {}  # kind by name of each joint with several freedoms
     for joint in urdf.findall("joint"):
-        if (kind := joint.get("type", "")) in COORDINATE_SUFFIXES:
+        kind = joint.get("type", "")
+        if kind in COORDINATE_SUFFIXES:
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
@@ -67,15 +69,17 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
         placement = axes[parsed_parent] * parsed.jointPlacements[j]
         joint = parsed.joints[j]
         axes[j] = pin.SE3.Identity()
+
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
                 parent = _add_slides(model, parent, placement, name)
                 placement = pin.SE3.Identity()
-            if name not in as_declared:
+            if name not in as_declared:  # turn the third axis of the ball towards the centre of mass
                 to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
                 axes[j] = to_centre.inverse()
+
         new_index[j] = model.addJoint(parent, joint, placement, name)
         model.appendBodyToJoint(new_index[j], parsed.inertias[j], axes[j])
     for frame in parsed.frames[1:]:  # all except the universe
@@ -217,7 +221,7 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute the excesses (..., limits) of q (..., nq) over joint limits, divided by the ranges."""
+    """Compute by how much q (..., nq) exceeds joint limits, as shares (..., limits) of their ranges."""
     positions = q[..., [limit.coordinate for limit in limits]]
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
@@ -233,13 +237,14 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         rounding = SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
         positions = q[:, limit.coordinate]
         least, largest = float(positions.min()), float(positions.max())
-        pairs = []  # of a position and the limit that it exceeds
-        if limit.lower - least > rounding:
-            pairs.append((least, limit.lower))
-        if largest - limit.upper > rounding:
-            pairs.append((largest, limit.upper))
-        texts = [format_distinct(*pair, 6) for pair in pairs]
-        if texts:
-            excesses = " and ".join(f"{position} {limit.unit} of {bound}" for position, bound in texts)
-            exceeded[limit.joint] = f"position {excesses}"
+        excesses = []
+        for position, bound, excess in (
+            (least, limit.lower, limit.lower - least),
+            (largest, limit.upper, largest - limit.upper),
+        ):
+            if excess > rounding:
+                position_text, bound_text = format_distinct(position, bound, 6)
+                excesses.append(f"{position_text} {limit.unit} of {bound_text}")
+        if excesses:
+            exceeded[limit.joint] = f"position {' and '.join(excesses)}"
     return exceeded
