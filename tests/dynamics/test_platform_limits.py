@@ -9,7 +9,6 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import InvalidInput, SingularPose, assemble, dynamics_at, platform_limits, velocity_matrices
 from framework.dynamics.platform_wrench import hold_at
-from framework.kinematics.frames import frames_at
 from framework.kinematics.placements import platform_wrenches
 from tests.robots.test_humanoid_ankle import cranks, derivative
 

@@ -42,12 +42,12 @@ from framework.tolerances import BRANCH_CORRECTION, BRANCHES_CROSS, BRANCHES_MEE
 
 
 class MotorCurves(NamedTuple):
-    """The last poses on T motor curves."""
+    """The state of T motor curves: the last pose on each, and what is remembered of the curve."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n) platform coordinates, with whole turns since the start
     rate: Array  # (T, nv) dq/ds
-    share: Array  # (T,) s; 1 where the motors have arrived
+    share: Array  # (T,) share s of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) number of steps taken
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
@@ -60,7 +60,7 @@ class _Steps(NamedTuple):
     """Ends of the steps, S of T, whose loops Newton's method closes."""
 
     rows: IntArray  # (S,) indices among the T steps
-    ends: MotorCurves  # (S, ...)
+    ends: MotorCurves  # the curves after the steps
     correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
     on_branch: BoolArray  # (S,) whether the end is on the branch of the start
 
@@ -95,11 +95,13 @@ def follow_curves(
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
+
     # a curve on which no joint moves farther than a corrector may is tried in a single step
     is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
-    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    # Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one, the
-    # step has passed the singularity, and the curve ends before the step.
+    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)  # (T,) in s
+    # A curve is live until it arrives, ends, or its steps become too short. Assembly modes meet at a
+    # singularity. If the clearance grows again after a curve has approached one, the step has passed the
+    # singularity, and the curve ends before the step.
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
@@ -142,12 +144,14 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     Args:
         start: configuration (nq,) at s = 0.
         turn: (T, nv) turns of the motors from s = 0 to 1.
+        current: the T curves before the steps.
     """
     share = current.share + step
     share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)
     length = (share - current.share)[:, None]  # (T, 1)
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
+
     rows = np.flatnonzero(closing.closed)  # of the S that close
     linearised = closing.linearised.select(rows)
     current, length = select(current, rows), length[rows]
@@ -160,6 +164,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
         least=np.minimum(current.least, ends.clearance),
         largest=np.maximum(current.largest, ends.clearance),
     )
+
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
@@ -214,11 +219,10 @@ def _end_at_turning_points(
 
 
 def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the next Type 2 singularity of each of T curves, ahead of q (T, nq).
+    """Find the next Type 2 singularity of each of T curves, ahead of q (T, nq) at the share s (T,).
 
-    On a curve the m loop equations determine the passive joints at each share of the motor motion `turn`
-    (T, nv). At a Type 2 singularity the share has an extremum: the curve turns back. `share` (T,) is that of
-    q.
+    On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
+    (T, nv). At a Type 2 singularity s has an extremum: the curve turns back.
     """
     columns = robot.following
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)

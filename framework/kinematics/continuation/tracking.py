@@ -67,14 +67,17 @@ class BranchPoses(NamedTuple):
     """K assembled configurations of a branch, with their tangents."""
 
     s: Array  # (K,) path coordinates
-    q: Array  # (K, nq)
-    linearised: LinearisedLoops
+    linearised: LinearisedLoops  # at these poses
     rate: Array  # (K, nv) dq/ds
 
+    @property
+    def q(self) -> Array:
+        """Configurations (K, nq)."""
+        return self.linearised.frames.q
+
     def select(self, which: slice) -> BranchPoses:
-        """Return some of the poses."""
-        linearised = self.linearised.select(which)
-        return BranchPoses(self.s[which], self.q[which], linearised, self.rate[which])
+        """Return the poses `which`."""
+        return BranchPoses(self.s[which], self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
@@ -148,15 +151,15 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
             the last pose lies just before it.
     """
     start = np.zeros(1)
-    pose = _poses_at(robot, path, start, q[None], linearised_at(robot, q[None], path(start)))
+    pose = _poses_at(robot, path, start, linearised_at(robot, q[None], path(start)))
     stretches = [pose]  # of poses followed so far, each stretch from one tangent
     step = FIRST_STEP_RATIO
     while pose.s[0] < 1.0:
         step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
-        s_ahead = _parameters_ahead(robot, pose, step)
-        accepted = _take_steps(robot, path, pose, s_ahead)
+
+        accepted = _take_steps(robot, path, pose, _parameters_ahead(robot, pose, step))
         if accepted is not None:
             poses, correction = accepted
             stretches.append(poses)
@@ -164,6 +167,8 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
+
+        # refused: the branch ends ahead, or the step is too long
         end = _type1_end(robot, path, pose) if to_the_end else None
         if end is not None:
             stretches.append(end)
@@ -190,11 +195,12 @@ def _take_steps(
         The poses of the steps before the first refused one, and the correction of the last of these; None if
         the first step is refused.
     """
-    lengths = (s_ahead - start.s)[:, None]
+    lengths = (s_ahead - start.s)[:, None]  # in s, from the start
     guess = integrate(robot, start.q, lengths * start.rate)
     ends = _close_ahead(robot, path, s_ahead, guess)
     if ends is None:
         return None
+
     steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
     q = np.concatenate([start.q, ends.q[:-1]])  # configurations at the starts of the steps
     predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
@@ -202,6 +208,7 @@ def _take_steps(
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
     if not is_small[0]:
         return None
+
     ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
     curved = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
@@ -215,22 +222,20 @@ def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -
 
     None if the first pose does not close.
     """
-    q, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
+    _, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
     count = _count_leading(closed)
     if not count:
         return None
     try:
-        return _poses_at(robot, path, s[:count], q[:count], linearised.select(slice(count)))
+        return _poses_at(robot, path, s[:count], linearised.select(slice(count)))
     except NotAssembled:  # a pose is singular to the last bit and has no tangent
         return _close_ahead(robot, path, s[:1], predicted[:1]) if count > 1 else None
 
 
-def _poses_at(
-    robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
-) -> BranchPoses:
-    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds, springs at rest."""
+def _poses_at(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
+    """Return the poses of `linearised` at s (K,) with their tangents dq/ds, springs at rest."""
     twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(s, q, linearised, joint_rates(robot, linearised, twist))
+    return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
@@ -239,7 +244,7 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
     Only those are returned to which the tangent may be followed, see `MAX_PREDICTOR_MOVE`, but at least one.
     """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
-    speed = largest_motion(robot, pose.rate)[0]
+    speed = largest_motion(robot, pose.rate)[0]  # of the fastest joint along s
     s_ahead = pose.s + lengths
     allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
@@ -254,7 +259,8 @@ def _count_leading(flags: BoolArray) -> int:
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
     """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
-    sizes, at_rest = equation_sizes(robot), np.zeros((1, robot.nv))
+    sizes = equation_sizes(robot)
+    at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
         """Compute the n + m equations and their derivatives at q (T, nq) and s = `share` (T,)."""
@@ -269,13 +275,16 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     ahead = Curves(robot, robot.moving, at_rest, evaluate).find_turning_points(pose.q, pose.s)
     if not ahead.found[0]:
         return None
-    return BranchPoses(ahead.share, ahead.q, ahead.linearised, at_rest)  # dq/ds is infinite: none is given
+    return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
-    """Follow the branch along the path from the pose q (nq,) at s = 0.
+    """Follow the branch along the whole path from the pose q (nq,) at s = 0.
 
     `subject` is the name of the path in errors.
+
+    Raises:
+        OutOfReach, Type1Singularity, UncontrolledMotions: the branch ends early.
     """
     followed = follow_path(robot, path, q, to_the_end=True)
     if not followed.complete:
@@ -320,13 +329,13 @@ def _branch_end_error(
 
 
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
+    """Return the name of the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
 
     Of all motors it moves most in the joint motion that moves the platform least.
     """
     matrix = type1_matrix(robot, linearised)[0]
-    motion = np.linalg.svd(matrix).Vh[-1]  # (moving,) of the least singular value, motors first
-    motor = np.argmax(np.abs(motion[: robot.n_a]))
+    least_motion = np.linalg.svd(matrix).Vh[-1]  # (moving,) of the least singular value, motors first
+    motor = np.argmax(np.abs(least_motion[: robot.n_a]))
     return robot.actuator_names[motor]
 
 
@@ -346,7 +355,7 @@ def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
-    """Return the error for `count` uncontrolled motions at s, platform x (n,)."""
+    """Return the error for `count` uncontrolled motions at path coordinate s and platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
