@@ -1,4 +1,8 @@
-"""Diagnosis of a robot before anything is planned: mobility, rank, masses, closure, modes."""
+"""Diagnosis of a robot before anything is planned, and the description of one pose.
+
+`check_robot` reports mobility, rank, masses, closure and modes; `describe_pose` reports joints, platform,
+modes and exceeded limits by the names of the robot file.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from framework.kinematics.diagnostics.mobility import (
 )
 from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import assembled_at, clearance, linearised_at_reference
-from framework.kinematics.loop_structure import assemble_mechanism, independent_rows, rounded_gap
+from framework.kinematics.loop_structure import assemble_mechanism, numerical_rank, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import moving_bodies, remark_on_turns, remarks_on_bodies
 from framework.kinematics.modes import mode_signs
@@ -161,13 +165,13 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
 
 
 def reference_in_words(mechanism: Mechanism) -> str:
-    """Name the reference of a robot in words: the one in its file or the default."""
+    """Name the reference of a mechanism in words: the one in its file or the default."""
     stated = mechanism.description.reference
     return "the reference that is given" if stated else "the default reference (all zero)"
 
 
 def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute the signs of working and assembly mode of the reference, and its clearance."""
+    """Compute the signs of working and assembly mode at the reference, and the clearance there."""
     linearised = linearised_at_reference(robot)
     working, assembly = mode_signs(robot, linearised)
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
@@ -267,7 +271,7 @@ def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
     loops = joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
-        rank = len(independent_rows(loops[others])) if others else 0
+        rank = numerical_rank(loops[others]) if others else 0
         gained = len(robot.structure.independent) - rank  # freedoms gained without the closure
         if mobility + gained >= robot.n:
             names.append(closure.name)
