@@ -127,7 +127,7 @@ def largest_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
-    """Compute Newton's step (k,) of the columns `free` (k,) towards closed loops [rad, m].
+    """Compute Newton's step (k,) of the columns `free` (k,) from q (nq,) towards closed loops [rad, m].
 
     Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
     is scaled down to `MAX_NEWTON_STEP`.
@@ -139,7 +139,7 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops that stay open, which names the equation with the largest residual."""
+    """Return the error for loops still open after `closing`; it names the equation farthest from closed."""
     rows = mechanism.rows
     row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
     residual = abs(float(residual_at(mechanism, closing.q)[row]))
@@ -154,7 +154,7 @@ def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Raise NotAssembled if a joint of the columns `stated` is far from its value in the file."""
+    """Raise NotAssembled if `closing` moved a joint of the columns `stated` far from the file's value."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -171,7 +171,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error for a `reason`, with a remark on angles that look like degrees."""
+    """Return the error for a `reason`, with the pose of `closing` and a remark on angles in degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 

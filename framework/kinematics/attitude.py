@@ -46,9 +46,9 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Attitude(ReadOnlyArrays):
-    """A chart of k coordinates of attitudes R (T, 3, 3), whose columns are the frame's axes.
+    """A chart of k coordinates of attitudes R.
 
-    The methods of this class hold for couples along base axes and v = dx. Without axes (k = 0) the class
+    R is the argument `rotation` (T, 3, 3); its columns are the axes of the frame. The methods of this class hold for couples along base axes and v = dx. Without axes (k = 0) the class
     itself is the chart of a platform that does not turn.
     """
 
@@ -141,7 +141,7 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3)."""
+        """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3), for u and du/dt = `du`."""
         i = self.frame_axis
         size = 1.0 + u[:, i, None]
         couple = (np.eye(3)[i] + u) / size  # (T, 3)
@@ -195,7 +195,7 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the two couples and their time derivatives, (T, 2, 3) each.
+        """Compute the two couples and their time derivatives, (T, 2, 3) each, for u and u' = `du`.
 
         The couples are a - (a.u) p and b = h u x a/|q|, with the `handedness` h, q = u - (a.u) a and p =
         q/q^2. Primes are time derivatives. With g = p . q', the rate of log |q|,
@@ -217,7 +217,7 @@ class TwoAngles(DirectionChart):
         return couples, rates
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute w (T, 3) = dx_1 a + dx_2 R_a b, without the free turn about R c."""
+        """Compute w (T, 3) = dx_1 a + dx_2 R_a b at rates `v` = dx (T, 2), with no free turn about R c."""
         return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
 
 
@@ -235,7 +235,7 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r with rates dr.
+        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r = `x` with rates dr = `dx`.
 
         w = u + a f + b s with f = r x u and s = r x f. For u = dr, w is the angular velocity. The rates of f
         and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
@@ -253,14 +253,14 @@ class RotationVector(Attitude):
         return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
+        """Add whole turns along each rotation vector x (T, 3) [rad] until it is nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
         axis = x / np.where(angle > 0, angle, 1.0)
         difference = dot(axis, near)[:, None] - angle
         return x + whole_turns(difference) * axis
 
     def _vector(self, x: Array) -> Array:
-        """Return vectors (T, 3) on base axes for components (T, 3) in the stated order."""
+        """Return vectors (T, 3) on base axes for components x (T, 3) in the stated order."""
         vector = np.empty_like(x)
         vector[:, self.axes] = x
         return vector

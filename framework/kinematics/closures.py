@@ -154,13 +154,13 @@ def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute the differences (T, d, 3) of d pairs of axes that should be parallel."""
+    """Compute the differences (T, d, 3) of the unit axes of d pairs that should be parallel, `directions`."""
     first, second, axis, _ = directions
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
 
 def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
+    """Compute the derivatives (T, d, 3, nv) of the `direction_gaps` of d pairs along the joints."""
     first, second, axis, _ = directions
     twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
     slopes = frame_velocities(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)

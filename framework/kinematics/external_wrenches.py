@@ -76,7 +76,7 @@ class ExternalWrenches:
             check_frame(mechanism, entry.frame)
 
     def times(self, factor: float) -> ExternalWrenches:
-        """Return the wrenches multiplied by a number."""
+        """Return the wrenches multiplied by a `factor`."""
         return ExternalWrenches(tuple(entry.times(factor) for entry in self.entries))
 
     @property
@@ -176,7 +176,7 @@ def applied_wrench(
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of a wrench's joint forces.
+    """Compute the derivative (T, nv, nv) of the joint forces of the wrench `applied`.
 
     Row j, column i is the derivative of S_j . w along joint i, with S_j the screw of joint j (`screws` (T,
     nv, 6)) and w = (f, m + p x f) the wrench about the base's origin, which acts at the point p. For joints
@@ -199,7 +199,7 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
-    """Compute origin (T, 3) and rotation (T, 3, 3) of one of pinocchio's frames."""
+    """Compute origin (T, 3) and rotation (T, 3, 3) of pinocchio's frame of an `index`."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]

@@ -180,6 +180,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     model, scratch = mechanism.model, scratch_of(mechanism)
 
     def compute(k: int) -> pin.Model:
+        """Compute joints and screws at q[k]."""
         pin.computeJointJacobians(model, scratch.data, q[k])
         return model
 
@@ -208,7 +209,7 @@ def rotation_matrices(placements: Array) -> Array:
 
 
 def turn_vectors(twist: Array, vectors: Array) -> Array:
-    """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
+    """Compute w x c for the angular part w of `twist` (..., F, 6) and `vectors` c (..., F, 4, 3)."""
     return cross(twist[..., None, 3:], vectors)
 
 
@@ -225,7 +226,7 @@ def frame_velocities(twist: Array, placements: Array) -> Array:
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (f, m) (..., 6) to other points.
+    """Refer each `wrench` (f, m) (..., 6) to another point.
 
     The arms (..., 3) [m] lead from the new points to the old ones. The moment m becomes m + arm x f; the
     force f does not change.
@@ -246,7 +247,7 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of all bodies for joint motions v, a (T, nv)."""
+    """Compute twists and twist rates (2, T, bodies, 6) of all bodies at q (T, nq) for v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
@@ -278,7 +279,7 @@ def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
-    """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
+    """Move configurations q (..., nq) by tangent vectors `step` (..., nv), as pinocchio's `integrate`."""
     if not mechanism.has_balls:
         return q + step
     starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
@@ -305,7 +306,7 @@ def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array
 
 
 def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: Array) -> Array:
-    """Move configurations q (..., nq) by steps (..., k) of `columns` (k,); the others rest."""
+    """Move configurations q (..., nq) by `step` (..., k) in `columns` (k,); the other joints rest."""
     return integrate(mechanism, q, full_motion(mechanism, columns, step))
 
 

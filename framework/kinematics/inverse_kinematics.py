@@ -81,9 +81,9 @@ def require_mobility(robot: ParallelRobot) -> None:
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
-    """Close all loops at platform coordinates x (T, n), from guesses (T, nq) near the solution.
+    """Close all loops at platform coordinates x (T, n), from `guess` (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guesses.
+    The elastic coordinates keep their values of the guess.
 
     Raises:
         NotAssembled: an instant does not close; carries its last iterate and residual.

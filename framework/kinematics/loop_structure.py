@@ -100,7 +100,7 @@ def refuse_singular_reference(
 
 
 def independent_rows(matrix: Array) -> IntArray:
-    """Return the ascending indices of rows that form a basis of the row space."""
+    """Return the ascending indices of rows of a matrix that form a basis of its row space."""
     return choose_rows(matrix, numerical_rank(matrix))
 
 
@@ -196,7 +196,7 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest |entry| (m,) of each equation (m, columns), or 1 if between 0.02 and 50.
+    """Return the largest |entry| (m,) of each row of `loops` (m, columns), or 1 if between 0.02 and 50.
 
     Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
     """

@@ -212,7 +212,7 @@ class Mechanism(ReadOnlyArrays):
         return Coordinates(self.model)
 
     def unit_of(self, column: int) -> str:
-        """Return the unit of one coordinate: m or rad."""
+        """Return the unit of the coordinate of a column: m or rad."""
         return "m" if self.sliding[column] else "rad"
 
     def reference_values(self, q: Array) -> dict[str, float]:
@@ -226,20 +226,20 @@ class Mechanism(ReadOnlyArrays):
 
 
 def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the columns (k,) of k coordinates by name."""
+    """Return the columns (k,) of the coordinates named `joints`."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
 
 def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
-    """Build the mechanism at a flexibility: model with springs, loop equations and joint parameters."""
+    """Build a mechanism from a parsed file, with the springs of one flexibility."""
     description = parsed.description
     springs = description.active_springs(flexibility)
     model = _build_tree_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
     def joint_parameter(key: str) -> Array:
-        """Return one parameter (nv,) of the joints' springs, damping or friction."""
+        """Return the parameter `key` of `JointDynamics` on each column, (nv,)."""
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
@@ -277,7 +277,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Build pinocchio's model of a robot's tree with a joint for each spring.
+    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`.
 
     Raises:
         RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.

@@ -78,7 +78,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
 
 
 def _keeps_platform_map(robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops) -> bool:
-    """Return whether det (platform N) keeps its sign between close configurations (T = 1 each).
+    """Return whether det (platform N) keeps its sign from `start` to `end`, close configurations (T = 1).
 
     N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
     tells whether the two bases have the same orientation.

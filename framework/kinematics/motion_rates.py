@@ -120,7 +120,7 @@ def motion_at(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints at platform rates dx, ddx (T, n).
+    """Compute the motion of all joints at the poses `closed` and platform rates dx, ddx (T, n).
 
     The deflections have the rates dq_e and accelerations ddq_e (T, n_e); zero if None.
     """
@@ -254,7 +254,7 @@ def coordinate_changes(
     dq[:, range(n, size), columns] = 1.0
 
     def rest_columns(change: Array) -> Array:
-        """Return changes (T, k, nv) of rates with `columns` brought to rest by closed motions."""
+        """Add closed motions to a `change` (T, k, nv) of rates so that `columns` are at rest."""
         return change - change[..., columns] @ dq[:, n:]
 
     rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)

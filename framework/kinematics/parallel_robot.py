@@ -220,7 +220,7 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Make the table for the moving `columns` (k,), of which the first n_a have motors."""
+        """Make the table for `loops` and the moving `columns` (k,), of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)

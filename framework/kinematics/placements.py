@@ -79,7 +79,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """Rotate vectors u (3,) or (F, 3) by unit quaternions (x, y, z, w) (F, 4).
+    """Rotate vectors u (3,) or (F, 3) by unit quaternions (F, 4), each (x, y, z, w).
 
     With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """

@@ -91,7 +91,10 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add slides along x, y and z to a parent joint; return the index of the last one."""
+    """Add slides along the axes x, y and z of a placement on a parent joint; return the last one's index.
+
+    `name` is that of the floating joint.
+    """
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()

@@ -109,7 +109,7 @@ def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> Veloci
 
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
-    """Convert dF/dq, or a derivative of it, (T, n + m, nv) to radians and lengths of the robot."""
+    """Convert a `jacobian` dF/dq, or a derivative of one, (T, n + m, nv) to radians and robot lengths."""
     return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
@@ -121,7 +121,7 @@ def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
-    """Convert A, B, C from lengths of the robot to metres."""
+    """Convert the matrices A, B, C from lengths of the robot to metres."""
     return VelocityMatrices(
         A=matrices.A / robot.platform_scale,
         B=matrices.B / robot.column_scale[robot.actuated],

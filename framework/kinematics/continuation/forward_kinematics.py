@@ -98,7 +98,7 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return an assembled configuration (nq,), the reference by default, as the start of a curve.
+    """Return the assembled configuration `near` (nq,), the reference by default, as the start of a curve.
 
     Raises:
         InvalidInput: the configuration is not assembled.
@@ -126,9 +126,10 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 def curve_end_error(
     robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a curve (T = 1) that ends before the motors reach q_a (n_a,).
+    """Return the error for a curve that ends at `end` (T = 1), before the motors reach q_a (n_a,).
 
-    The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one.
+    The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one. The loops at
+    the end are `linearised`.
     """
     usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))

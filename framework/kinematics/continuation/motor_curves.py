@@ -130,7 +130,7 @@ def follow_curves(
 def _begin_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
 ) -> MotorCurves:
-    """Return T curves at their common start, with joint rates for the motors' turns (T, nv)."""
+    """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
     curves = select(start, copies)
     curves.share[:], curves.steps[:] = 0.0, 0
@@ -139,7 +139,7 @@ def _begin_curves(
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) in s along the tangents; decide which ends are on their branches.
+    """Take steps of length `step` (T,) in s along the tangents; decide which ends are on their branches.
 
     Args:
         start: configuration (nq,) at s = 0.
@@ -175,7 +175,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
-    """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
+    """Close the loops near `guess` (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
     # rounding of many steps leaves the motors slightly off their prescribed turn
     motor_offset = (turn - difference(robot, start, guess))[:, robot.actuated]
     guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
@@ -201,7 +201,10 @@ def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one."""
+    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one.
+
+    `turn` (all curves, nv) are the turns of the motors from s = 0 to 1.
+    """
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _find_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
@@ -228,7 +231,10 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
 
     def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives [rad, robot lengths]."""
+        """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
+
+        They depend on the share s only by q.
+        """
         linearised = linearised_at(robot, q_on_curve, None)
         loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
         return CurveEquations(

@@ -109,7 +109,7 @@ class _Step(NamedTuple):
         return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
-        """Return whether the predicted decrease is negligible."""
+        """Return whether the decrease predicted at an iterate is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
 
 
@@ -166,6 +166,8 @@ class PoseSearch:
     def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
 
+        `step` is the next step from the iterate.
+
         Args:
             least_value: |e|^2 / 2 of the nearest pose from other starts.
             ends: (k, nq) poses where other searches have converged.
@@ -177,7 +179,7 @@ class PoseSearch:
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate, with its stops by the forces of the next `step`."""
+        """Return the pose after `count` steps; the forces of the next `step` say what stops the search."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
@@ -197,12 +199,12 @@ class PoseSearch:
         )
 
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
-        """Solve the quadratic program of a step within the bounds.
+        """Solve the quadratic program of a step from an iterate within the bounds.
 
-        Let H = R' R, w = R'^-1 g and y = R z + w. The program minimises |y| subject to G y >= G w - room,
-        with G the slopes of the room along y. Lawson and Hanson (1974, chapter 23) solve this least-distance
-        problem by nonnegative least squares: y = -r / r_0 with the residual (r, r_0) of [G' ; (G w - room)']
-        multipliers = [0 ; 1].
+        `damping` is that of Levenberg and Marquardt. Let H + damping I = R' R, w = R'^-1 g and y = R z + w. The
+        program minimises |y| subject to G y >= G w - room, with G the slopes of the room along y. Lawson and
+        Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares: y = -r / r_0
+        with the residual (r, r_0) of [G' ; (G w - room)'] multipliers = [0 ; 1].
         """
         from scipy.optimize import nnls
 
@@ -224,7 +226,7 @@ class PoseSearch:
         return _Step(z, decrease=float(-g @ z - 0.5 * z @ H @ z), forces=forces)
 
     def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
-        """Return the iterate after a step; None if the step is refused.
+        """Return the iterate after a step towards the target (n,); None if the step is refused.
 
         A step is refused if its loops do not close, or if it leads to another branch or mode.
         """
@@ -274,7 +276,7 @@ class PoseSearch:
         return None
 
     def _range_room(self, q: Array) -> Array:
-        """Compute the distances (2 f,) of joints from the lower, then the upper ends of their ranges."""
+        """Compute the distances (2 f,) of joints at q (nq,) from the lower, then the upper ends of ranges."""
         position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
         return np.append(position - self._lower, self._upper - position)
 
@@ -344,7 +346,10 @@ class PoseSearch:
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f)."""
+        """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f) along the joints.
+
+        Angles of x are taken within half a turn of `near` (n,).
+        """
         robot = self.robot
         twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
@@ -352,11 +357,11 @@ class PoseSearch:
         return x, dx, self._loop_slopes(linearised)
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
-        """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
+        """Compute determinants (T, 2) of dx and of dq_a along the motions that the loops allow.
 
-        Bases of these motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and
-        keeps its sign where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not
-        matter.
+        X (T, n, f) and `loops` (T, m, f) are the derivatives of x and of the loop equations. Bases of these
+        motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and keeps its sign
+        where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not matter.
         """
         Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
         bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives

@@ -98,7 +98,10 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
 
 
 def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
-    """Cut parameter steps (T,) so that no joint moves farther than `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
+    """Cut steps (T,) of a parameter so that no joint moves farther than `MAX_PREDICTOR_MOVE`.
+
+    `rate` (T, nv) are the joint rates along the parameter, and `step` (T,) the steps.
+    """
     speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
@@ -158,7 +161,7 @@ class Curves:
         return end._replace(found=found)
 
     def _joint_motions(self, step: Array) -> Array:
-        """Return joint motions (T, nv) [rad, m] for steps (T, k + 1) in y and s."""
+        """Return joint motions (T, nv) [rad, m] for `step` (T, k + 1) in y and s."""
         motion = step[:, -1:] * self.turn
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
@@ -197,8 +200,8 @@ class Curves:
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    The matrix is [M b; c' 0] of the header, with c (T, k); the right sides are [-F; 0] and [0; 1]. So
-    Newton's step does not change t = c . y.
+    The matrix is [M b; c' 0] of the header, with M, b and F of `equations` and c (T, k); the right sides are
+    [-F; 0] and [0; 1]. So Newton's step does not change t = c . y.
     """
     count, size = c.shape
     bordered = np.zeros((count, size + 1, size + 1))

@@ -185,7 +185,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
 def _take_steps(
     robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
+    """Take steps along the tangent of the pose `start` (K = 1) to path coordinates `s_ahead` (T,).
 
     All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
     step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
@@ -297,9 +297,10 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
 def _branch_end_error(
     robot: ParallelRobot, path: Path, followed: FollowedCurve, subject: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for a branch that ends early.
+    """Return the error for a branch that could only be `followed` to an early end.
 
-    At such an end either the loops lose rank, or a leg is stretched or folded.
+    At such an end either the loops lose rank, or a leg is stretched or folded. `subject` is the name of the
+    path in the message.
     """
     last = followed.last
     s, linearised = float(last.s[0]), last.linearised
@@ -355,7 +356,10 @@ def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
-    """Return the error for `count` uncontrolled motions at path coordinate s and platform x (n,)."""
+    """Return the error for `count` uncontrolled motions at path coordinate s and platform x (n,).
+
+    The message ends with the `reason`.
+    """
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "

@@ -91,14 +91,14 @@ class _Group:
     upper: Array  # (k,)
 
     def gap(self, u: Array) -> Array:
-        """Compute residuals (m + 3 d,): m loop equations [robot lengths or rad], then d direction gaps."""
+        """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
         frames = self._frames(u)
         residual = loop_equations(self.rows, frames).residual[0]
         equations = row_weights(self.mechanism, self.rows.rotation) * residual
         return np.concatenate([equations, direction_gaps(self.directions, frames).ravel()])
 
     def slope(self, u: Array) -> Array:
-        """Compute the derivative (m + 3 d, k) of `gap` along the k joints."""
+        """Compute the derivative (m + 3 d, k) of `gap` along u."""
         frames = self._frames(u)
         jacobian = loop_equations(self.rows, frames).jacobian
         rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
@@ -113,7 +113,7 @@ class _Group:
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
-        """Find the smallest offsets u (k,) that nearly close the loops.
+        """Find the smallest offsets u (k,) near a start that nearly close the loops.
 
         They minimise the sum of the squares of u and of gap / `GAP_PER_RADIAN`.
         """

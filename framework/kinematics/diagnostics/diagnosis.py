@@ -222,7 +222,7 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
 
 
 def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
-    """Yield advice on loops, springs and dry friction of a robot."""
+    """Yield advice on loops (of which the equations named `redundant` are), springs and dry friction."""
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
         yield (
@@ -264,7 +264,10 @@ def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
-    """Describe closures without which the freedoms suffice for the platform axes; empty without any."""
+    """Name closures without one of which the freedoms, now `mobility`, suffice for the platform's axes.
+
+    Empty if the freedoms suffice, or without such closures.
+    """
     if mobility >= robot.n:
         return ""
     names = []
@@ -319,5 +322,5 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
 
 
 def _name_values(names: Names, values: Array) -> dict[str, float]:
-    """Return values (k,) as a mapping by name."""
+    """Return a mapping of `names` to `values` (k,)."""
     return dict(zip(names, values.tolist(), strict=True))

@@ -124,6 +124,8 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
 
     Args:
         twists: (6, f) at each pose, twists of the frame in the f motions that the loops allow.
+        freedoms: number of axes in a set.
+        stated: axes of the robot file.
     """
     if not freedoms:
         return ()
@@ -188,7 +190,7 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
-    """Name the axes of immovable combinations `stuck` (n, k): single axes first, then the mixed ones."""
+    """Write immovable combinations `stuck` (n, k) of the axes `names`: single ones first, then mixed ones."""
     # the norm is 1 if the axis is immovable by itself, 0 if it is in no combination
     sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
     alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
@@ -236,7 +238,7 @@ class LoopMotions(NamedTuple):
         return self.working.shape[1]
 
     def rates(self, names: Iterable[str]) -> Array:
-        """Return the rates (k, w) of k named joints in the working motions."""
+        """Return the rates (k, w) of the joints `names` in the working motions."""
         return self.working[velocity_columns(self.mechanism.model, names)]
 
     def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
@@ -306,7 +308,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
 
 
 def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
-    """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor.
+    """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor at q (nq,).
 
     Joints of couplings, such as those of a thread, count as motors, unless no body has mass.
     """

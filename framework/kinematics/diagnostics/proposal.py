@@ -54,7 +54,7 @@ class _UndrivenMotions(RobotFileError):
     """The error for motions that no motor drives: `joints` can be held, for the reason `why`."""
 
     def __init__(self, message: str, motions: LoopMotions, joints: Sequence[str], why: str) -> None:
-        """Store the joints to hold, the reason, and the closed pose as reference values by name."""
+        """Store the message, the joints to hold, the reason `why`, and the closed pose as a reference."""
         super().__init__(message)
         self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)
@@ -461,7 +461,7 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
 
 
 def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
-    """Lock joints at the reference, edit the description accordingly, and add a remark."""
+    """Lock joints at the reference, edit the description accordingly, and remark `why`."""
     if not joints:
         return known
     tree, description = known.tree, known.description
