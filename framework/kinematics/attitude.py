@@ -48,8 +48,9 @@ from framework.tolerances import FILE_ROUNDING
 class Attitude(ReadOnlyArrays):
     """A chart of k coordinates of attitudes R.
 
-    R is the argument `rotation` (T, 3, 3); its columns are the axes of the frame. The methods of this class hold for couples along base axes and v = dx. Without axes (k = 0) the class
-    itself is the chart of a platform that does not turn.
+    R is the argument `rotation` (T, 3, 3); its columns are the axes of the frame. The methods of this class
+    hold for couples along base axes and v = dx. Without axes (k = 0) the class itself is the chart of a
+    platform that does not turn.
     """
 
     axes: IntArray  # (k,) base axes 0..2 in the stated order

@@ -5,6 +5,9 @@ the passive columns of the loop equations is regular, and the branch leads to th
 the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is called
 Type 2 here, whether the platform escapes or only joints inside a leg; `singularity.pose_classes`
 distinguishes the two.
+
+All curves of a stack of motor angles are followed together from one start. In a stream of motor angles each
+pose is the start of the next.
 """
 
 from __future__ import annotations

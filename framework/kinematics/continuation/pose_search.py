@@ -201,10 +201,10 @@ class PoseSearch:
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
         """Solve the quadratic program of a step from an iterate within the bounds.
 
-        `damping` is that of Levenberg and Marquardt. Let H + damping I = R' R, w = R'^-1 g and y = R z + w. The
-        program minimises |y| subject to G y >= G w - room, with G the slopes of the room along y. Lawson and
-        Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares: y = -r / r_0
-        with the residual (r, r_0) of [G' ; (G w - room)'] multipliers = [0 ; 1].
+        `damping` is that of Levenberg and Marquardt. Let H + damping I = R' R, w = R'^-1 g and y = R z + w.
+        The program minimises |y| subject to G y >= G w - room, with G the slopes of the room along y. Lawson
+        and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares: y = -r /
+        r_0 with the residual (r, r_0) of [G' ; (G w - room)'] multipliers = [0 ; 1].
         """
         from scipy.optimize import nnls
 
