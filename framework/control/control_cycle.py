@@ -328,7 +328,12 @@ class ControlCycle:
 
 
 class SinglePose:
-    """Loop equations, Jacobian and drift of one configuration at a time, for one thread."""
+    """Loop equations, Jacobian and drift of one configuration at a time, in few calls of numpy.
+
+    The equations are those of `closures`, which works on stacks. For a single configuration its calls on a
+    dozen small arrays take longer than pinocchio. Here the arrays are allocated once and overwritten by each
+    evaluation. So one object serves one thread.
+    """
 
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: F frames, m loop equations and their Jacobian (m, nv)."""
