@@ -139,7 +139,10 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops still open after `closing`; it names the equation farthest from closed."""
+    """Return the error for loops that stay open in `closing`.
+
+    The message names the equation with the largest residual.
+    """
     rows = mechanism.rows
     row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
     residual = abs(float(residual_at(mechanism, closing.q)[row]))

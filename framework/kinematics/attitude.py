@@ -142,7 +142,7 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3), for u and du/dt = `du`."""
+        """Compute the couple (e + u) / (1 + e . u), (T, 1, 3), and its rate."""
         i = self.frame_axis
         size = 1.0 + u[:, i, None]
         couple = (np.eye(3)[i] + u) / size  # (T, 3)
@@ -218,7 +218,7 @@ class TwoAngles(DirectionChart):
         return couples, rates
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute w (T, 3) = dx_1 a + dx_2 R_a b at rates `v` = dx (T, 2), with no free turn about R c."""
+        """Compute w = dx_1 a + dx_2 R_a b (T, 3) at rates v = dx, without a free turn."""
         return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
 
 
@@ -236,8 +236,9 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r = `x` with rates dr = `dx`.
+        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r.
 
+        r and dr/dt are the arguments x and dx, with their components in the stated order.
         w = u + a f + b s with f = r x u and s = r x f. For u = dr, w is the angular velocity. The rates of f
         and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
         functions of |r|^2, whose rate is 2 r.dr.
@@ -254,7 +255,7 @@ class RotationVector(Attitude):
         return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Add whole turns along each rotation vector x (T, 3) [rad] until it is nearest to `near`."""
+        """Add whole turns along rotation vectors x (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
         axis = x / np.where(angle > 0, angle, 1.0)
         difference = dot(axis, near)[:, None] - angle

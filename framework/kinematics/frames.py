@@ -209,7 +209,7 @@ def rotation_matrices(placements: Array) -> Array:
 
 
 def turn_vectors(twist: Array, vectors: Array) -> Array:
-    """Compute w x c for the angular part w of `twist` (..., F, 6) and `vectors` c (..., F, 4, 3)."""
+    """Compute w x c (..., F, 4, 3) for `vectors` c and the angular part w of `twist`."""
     return cross(twist[..., None, 3:], vectors)
 
 
@@ -247,7 +247,7 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of all bodies at q (T, nq) for v, a (T, nv)."""
+    """Compute twists and twist rates (2, T, bodies, 6) of all bodies for q, v and a."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):

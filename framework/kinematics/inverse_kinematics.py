@@ -219,7 +219,7 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add the turns Z y to `rates` (..., T, nv) for which Z' G (rates + Z y) = `right` (T, k)."""
+        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right`."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
@@ -277,7 +277,7 @@ def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute Z (T, nv, k): joint rates that close the loops at a unit rate of each idle joint in turn."""
+    """Compute Z (T, nv, k): joint rates with closed loops at a unit rate of each idle joint."""
     idle = robot.structure.idle
     motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
     motions[:, idle] = np.eye(len(idle))
@@ -285,7 +285,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute the motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
+    """Compute motions (T, nv, k) of the moving joints that undo `gaps` (T, n + m, k) of F."""
     closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
     motions = np.zeros((len(gaps), robot.nv, len(closing)))
     motions[:, robot.moving] = np.moveaxis(closing, 0, 2)

@@ -31,7 +31,6 @@ from framework.tolerances import SAME_PLACE
 
 # suffixes of the names of a floating joint's slides, with their kinds
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
-CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this defines no direction
 
 
 def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
@@ -91,9 +90,9 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add slides along the axes x, y and z of a placement on a parent joint; return the last one's index.
+    """Add slides along x, y and z to a parent joint; return the index of the last.
 
-    `name` is that of the floating joint.
+    `placement` is that of the floating joint `name` on its parent.
     """
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
@@ -107,12 +106,12 @@ def _centre_direction(model: pin.Model, j: int) -> Array:
     If the two coincide, the vector leads to the farthest frame of the link. If all frames coincide with the
     joint, too, it is the z axis.
     """
-    inertia = model.inertias[j]
-    if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
-        return inertia.lever
     frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == j]
     farthest = max(frames, key=np.linalg.norm)
-    return farthest if np.linalg.norm(farthest) > CENTRE_DISTANCE else np.array([0.0, 0.0, 1.0])
+    lever = model.inertias[j].lever
+    if model.inertias[j].mass > 0 and np.linalg.norm(lever) > SAME_PLACE * np.linalg.norm(farthest):
+        return lever
+    return farthest if farthest.any() else np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)

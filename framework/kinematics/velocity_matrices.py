@@ -33,7 +33,7 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 
 class VelocityMatrices(NamedTuple):
-    """Matrices of A v = B dq_a + C dq_e, v on the platform's axes, q_a on the joint side of the gears.
+    """Matrices of A v = B dq_a + C dq_e, with q_a on the joint side of the gears.
 
     m is the number of rows of L; at T configurations each matrix has T as its first dimension.
     """
@@ -101,7 +101,7 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of L [v; 0] = L M dq, for L (T, m, n + m) and M (T, n + m, nv).
+    """Return A, B, C of L [v; 0] = L M dq for L (T, m, n + m).
 
     L annihilates the passive columns of M, so the passive rates drop out.
     """
@@ -114,7 +114,7 @@ def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
 
 
 def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
-    """Compute L (T, m, n + m): orthonormal rows that annihilate the passive columns of M (T, n + m, nv)."""
+    """Compute L (T, m, n + m): orthonormal rows that annihilate the passive columns of M."""
     passive = robot.following
     Q, _ = np.linalg.qr(M[:, :, passive], mode="complete")  # Q (T, n + m, n + m)
     return Q[:, :, len(passive) :].swapaxes(1, 2)  # these columns of Q are orthogonal to the passive ones

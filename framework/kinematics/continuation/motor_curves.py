@@ -42,7 +42,7 @@ from framework.tolerances import BRANCH_CORRECTION, BRANCHES_CROSS, BRANCHES_MEE
 
 
 class MotorCurves(NamedTuple):
-    """The state of T motor curves: the last pose on each, and what is remembered of the curve."""
+    """The state of T motor curves: the last pose on each curve, and extremes so far."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n) platform coordinates, with whole turns since the start
@@ -222,7 +222,7 @@ def _end_at_turning_points(
 
 
 def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the next Type 2 singularity of each of T curves, ahead of q (T, nq) at the share s (T,).
+    """Find the next Type 2 singularity ahead on each of T curves, from q (T, nq) at `share` s.
 
     On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
     (T, nv). At a Type 2 singularity s has an extremum: the curve turns back.

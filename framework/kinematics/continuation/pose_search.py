@@ -38,6 +38,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import (
+    BRANCH_CORRECTION,
     CLOSED_LOOP,
     LEAST_TYPE1_SHARE,
     LEAST_TYPE2_SHARE,
@@ -52,7 +53,6 @@ LEAST_DECREASE = 1e-8  # share of the squared distance; if a step is predicted t
 # Share of the lag behind the best other search; if a step is predicted to gain less, the search ends.
 LEAST_PROGRESS = 0.1
 UNCONVERGED = "the search has not converged"
-SAME_END = 0.1  # [rad, lengths] of a joint; poses nearer to each other count as the same result
 LEAST_DAMPING = 1e-2  # first damping after a poor step
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
 
@@ -175,11 +175,12 @@ class PoseSearch:
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
         is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
         distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
-        repeats = distances.min(initial=np.inf) < SAME_END and iterate.value > least_value
+        is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
+        repeats = is_on_their_branch and iterate.value > least_value
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose after `count` steps; the forces of the next `step` say what stops the search."""
+        """Return the pose after `count` steps, with its stops by the forces of the next `step`."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
@@ -346,8 +347,9 @@ class PoseSearch:
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f) along the joints.
+        """Compute x (T, n), and derivatives of x (T, n, f) and of the loops (T, m, f).
 
+        The derivatives are along the joints.
         Angles of x are taken within half a turn of `near` (n,).
         """
         robot = self.robot

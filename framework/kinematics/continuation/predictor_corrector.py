@@ -50,7 +50,7 @@ MAX_SECANTS = 12
 
 
 class StepMeasure(NamedTuple):
-    """What tells whether T steps stayed on their branches."""
+    """Measures of T steps that tell whether each stayed on its branch."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
     small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step

@@ -29,11 +29,10 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, Names
-from framework.tolerances import BRANCHES_MEET, HELD_IDLE
+from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE
 
-MOVED_REFERENCE = (
-    1e-3  # [rad, robot lengths] larger motions of a joint are not due to rounding to four digits
-)
+# [rad, robot lengths] larger motions of a joint are not due to the rounding of drawings
+MOVED_REFERENCE = 10 * EXPORT_ROUNDING
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,7 @@ def reference_in_words(mechanism: Mechanism) -> str:
 
 
 def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute the signs of working and assembly mode at the reference, and the clearance there."""
+    """Compute the signs of both modes and the clearance at the reference."""
     linearised = linearised_at_reference(robot)
     working, assembly = mode_signs(robot, linearised)
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])

@@ -46,7 +46,7 @@ from framework.numerics.subspaces import split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
-MAX_PROPOSALS = 4
+MAX_LISTED = 4  # number of proposals, or of joints, that a message lists
 BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
 
 
@@ -140,11 +140,11 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
             proposals.append(names)
         elif freedoms == 2 and min(axes) >= 3:
             proposals.append(stated[::-1])
-    return tuple(proposals[:MAX_PROPOSALS])
+    return tuple(proposals[:MAX_LISTED])
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
-    """Compute orthonormal joint motions (nv, f) that the loops allow at q (nq,), where they have a `rank`."""
+    """Compute orthonormal joint motions (nv, f) that loops of a `rank` allow at q (nq,)."""
     null_vectors = np.linalg.svd(joint_loops_matrix(robot, q)).Vh[rank:]  # (f, joints)
     return full_motion(robot, robot.joints, null_vectors).T
 

@@ -22,6 +22,7 @@ import pinocchio as pin
 from framework.errors import FrameworkError, RobotFileError, SingularReference
 from framework.kinematics.diagnostics.mobility import (
     BESIDE_SINGULARITY,
+    MAX_LISTED,
     PROPOSED_AXES_CLEARANCE,
     LoopMotions,
     count_freedoms,
@@ -43,7 +44,6 @@ from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # number of platforms that are tried
-MAX_SHOWN = 6  # number of joints that a message names
 MAX_CHOICES = 20_000  # number of sets of motors compared one by one; if there are more, pivoting chooses
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
 # Parts of the usual names of tools and platforms.
@@ -127,7 +127,7 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
 
 
 def _complete_at_pose(known: PartialRobot, motions: LoopMotions, *, by_joints: bool) -> PartialRobot:
-    """Choose the motors at a closed pose, then the first platform that they drive.
+    """Choose motors at a closed pose, then the first platform that the motors drive.
 
     Frames are tried first, then, if `by_joints`, positions of joints.
 
@@ -194,9 +194,9 @@ def _no_freedom_error(motions: LoopMotions, known: PartialRobot) -> RobotFileErr
     if motions.basis.shape[1] and not motions.mechanism.mass:
         return RobotFileError("no link that moves has a mass: an inertia is missing")
     names = sorted(_loop_joint_names(known))
-    shown = ", ".join(names[:MAX_SHOWN])
-    if len(names) > MAX_SHOWN:
-        shown += f" and {len(names) - MAX_SHOWN} more"
+    shown = ", ".join(names[:MAX_LISTED])
+    if len(names) > MAX_LISTED:
+        shown += f" and {len(names) - MAX_LISTED} more"
     return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
