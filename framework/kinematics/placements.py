@@ -102,7 +102,7 @@ class JointAxis(NamedTuple):
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a column in the frame of the parent joint."""
+    """Return the axis of a column in the frame of the joint that carries its joint."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
@@ -120,7 +120,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
     linear, angular = jacobian[:, column].reshape(2, 3)
     axis = linear if robot.sliding[column] else angular
-    return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
+    return JointAxis(joint, place=np.zeros(3), axis=axis / np.linalg.norm(axis))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:

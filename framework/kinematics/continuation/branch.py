@@ -43,8 +43,8 @@ class Continuation(ReadOnlyArrays):
     start: float  # s
     end: float
     core: tuple[float, float]  # interval of s in which Newton's method fails
-    series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
-    error: float  # estimate [rad, lengths]
+    series: Array  # (degree + 1, nv) Chebyshev coefficients of the offset from the branch's origin
+    error: float  # estimated error of the series [rad, lengths]
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin at s (T,)."""
@@ -69,8 +69,8 @@ class Branch(ReadOnlyArrays):
 
     robot: ParallelRobot
     path: Path
-    origin: Array  # (nq,)
-    s: Array  # (K,)
+    origin: Array  # (nq,) configuration at s = 0
+    s: Array  # (K,) path coordinates of the knots
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
@@ -80,8 +80,6 @@ class Branch(ReadOnlyArrays):
     @property
     def knots(self) -> Array:
         """Path coordinates (k,) between which path and wrenches are smooth."""
-        if not self.wrenches.entries:
-            return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
     def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:
@@ -192,7 +190,7 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     provides guesses closer to it. The error is the largest of misfit, residual and truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
-    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # s of the nodes
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
     continuation = None
@@ -200,8 +198,9 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
         sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
-        series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
+        series, *_ = np.linalg.lstsq(basis[sound], u, rcond=None)
         guess = integrate(robot, branch.origin, basis @ series)
+
         misfit = np.abs((basis[sound] @ series - u) / lengths).max()
         residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
         truncation = np.abs(series / lengths).max() * tail(series / lengths)

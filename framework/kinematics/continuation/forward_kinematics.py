@@ -40,15 +40,16 @@ class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
     `x` (n,) includes whole turns of the platform since the start. `residual` is the largest of all loop
-    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. `clearance` is
-    the least singular value of P on the curve (radians, robot lengths): 0 at a Type 2 singularity, infinite
-    without passive joints. From `robot`, `curve` and `linearised` the next pose of a stream of motor angles
-    starts without another check that the loops are closed.
+    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. From `robot`,
+    `curve` and `linearised` the next pose of a stream of motor angles starts without another check that the
+    loops are closed.
     """
 
+    # the least singular value of P on the curve [rad, robot lengths]: 0 at a Type 2 singularity, infinite
+    # without passive joints
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    curve: MotorCurves = field(repr=False)  # T = 1
+    curve: MotorCurves = field(repr=False)  # its last pose is this one, T = 1
     linearised: LinearisedLoops = field(repr=False)  # at q, T = 1
 
 
@@ -134,7 +135,8 @@ def curve_end_error(
     The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one. The loops at
     the end are `linearised`.
     """
-    usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
+    at_reference = clearance(robot, linearised_at_reference(robot))
+    usual_clearance = max(end.largest[0], at_reference[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"

@@ -47,11 +47,11 @@ from framework.tolerances import (
 )
 
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
-MAX_STEPS = 30
+MAX_STEPS = 30  # of the search
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
-LEAST_DECREASE = 1e-8  # share of the squared distance; if a step is predicted to gain less, the search ends
-# Share of the lag behind the best other search; if a step is predicted to gain less, the search ends.
-LEAST_PROGRESS = 0.1
+# The search ends if the decrease of the squared distance, predicted for the next step, is below these shares
+LEAST_DECREASE = 1e-8  # of the squared distance
+LEAST_PROGRESS = 0.1  # of its excess over that of the best other search
 UNCONVERGED = "the search has not converged"
 LEAST_DAMPING = 1e-2  # first damping after a poor step
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
@@ -59,16 +59,12 @@ POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squar
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The nearest pose to a target in a local search, see `Configuration`.
+    """The nearest pose to a target in a local search, see `Configuration`."""
 
-    `distance` from the target is in `unit`: m if all coordinates are translations, rad if all are turns, else
-    robot lengths and rad. `stops` says what keeps the pose from the target: ranges of joints, stretched legs
-    (Type 1), motors that lose hold (Type 2), or a search that has not converged. It is empty if the target is
-    reached.
-    """
-
-    distance: float
-    unit: str
+    distance: float  # from the target, in `unit`
+    unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
+    # what keeps the pose from the target: ranges of joints, stretched legs (Type 1), motors that lose hold
+    # (Type 2), or a search that has not converged; empty if the target is reached
     stops: tuple[str, ...]
 
 
@@ -92,14 +88,14 @@ class _Iterate(NamedTuple):
     # by their sizes at the reference
     room: Array
     room_slopes: Array  # (2 f + 2, n) derivatives of `room` along Z
-    loops: LinearisedLoops  # T = 1
+    loops: LinearisedLoops  # at q, T = 1
 
 
 class _Step(NamedTuple):
     """A step of the search."""
 
-    z: Array  # (n,)
-    decrease: float  # of the value, predicted by the model
+    z: Array  # (n,) amplitudes of the motions Z
+    decrease: float  # of the value, predicted by the quadratic model
     forces: Array  # (2 f + 2,) multipliers of the bounds; zero for inactive ones
 
     @property
@@ -114,7 +110,7 @@ class _Step(NamedTuple):
 
 
 class PoseSearch:
-    """The search for nearest poses of one robot, for one thread."""
+    """The search for nearest poses of one robot."""
 
     def __init__(self, robot: ParallelRobot, *, motors_hold: bool = False) -> None:
         """Prepare the search for poses of a robot.
@@ -147,11 +143,13 @@ class PoseSearch:
         least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
+
         damping = 0.0  # of Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
+
             following = self._follow(iterate, step, target)
             gain = 0.0  # actual over predicted decrease; 0 if the step is refused
             if following is not None:
@@ -215,11 +213,13 @@ class PoseSearch:
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
         w = inverse.T @ g
         G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
+
         matrix = np.vstack([G.T, G @ w - iterate.room[in_reach]])
         right = np.append(np.zeros(len(g)), 1.0)
         multipliers = nnls(matrix, right)[0] if in_reach.any() else np.zeros(0)
         residual = matrix @ multipliers - right
         y = -residual[:-1] / residual[-1]
+
         z = inverse @ (y - w)
         z *= min(1.0, MAX_NEWTON_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_DIVISOR))
         forces = np.zeros(len(in_reach))
@@ -236,10 +236,12 @@ class PoseSearch:
         q = self._close(predicted)
         if q is None:
             return None
+
         correction = difference(self.robot, predicted, q)
         corrected, advance = largest_motion(self.robot, np.array([correction, motion]))[:, None]
         if not is_small(corrected, advance)[0]:
             return None
+
         following = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
@@ -259,7 +261,7 @@ class PoseSearch:
         An additional equation holds a joint that has left its range at the end of the range.
         """
         units = np.eye(len(self._lengths))
-        room_slopes = np.vstack([units, -units])  # (2 f, f)
+        room_slopes = np.vstack([units, -units])  # (2 f, f) derivatives of the room along the joints
         is_beyond = np.zeros(2 * len(units), dtype=bool)
         for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
@@ -304,16 +306,19 @@ class PoseSearch:
             range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
                 multipliers of the loops.
         """
-        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")  # of the (m, f) loop Jacobian
-        m = R.shape[1]  # number of loop equations
+        _, J = self._equations(q)  # (m, f)
+        m = len(J)
+        Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
+
         # the multipliers (m,) that balance the gradient of the error in the least squares
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
+
         A = X[0] @ Z  # (n, n) derivatives of x along Z
         room, room_slopes = self._bounds(q, X, loops, Z)
         return _Iterate(
