@@ -33,8 +33,8 @@ def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str
 def longest_reach(robot: Mechanism) -> float:
     """Compute the summed length [m] of the links from base to platform.
 
-    Slides are at the far end of their range, springs at rest. The length is infinite if a joint is a free,
-    planar or translational one, which moves without bound.
+    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
+    floating joint, makes the length practically infinite.
     """
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
@@ -45,8 +45,6 @@ def longest_reach(robot: Mechanism) -> float:
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             reach += float(np.abs(ends).max())
-        elif joint.shortname().startswith(("JointModelFree", "JointModelPlanar", "JointModelTranslation")):
-            return np.inf
     return reach
 
 

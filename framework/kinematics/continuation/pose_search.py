@@ -306,16 +306,15 @@ class PoseSearch:
             range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
                 multipliers of the loops.
         """
-        _, J = self._equations(q)  # (m, f)
-        m = len(J)
+        J = self._loop_slopes(linearised_at(self.robot, q[None], None))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
-        Z = Q[:, m:]
+        Z = Q[:, len(J) :]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
         # the multipliers (m,) that balance the gradient of the error in the least squares
-        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
+        multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
 
