@@ -24,7 +24,7 @@ MIN_NEARBY_RATIO = 0.1  # share of NEARBY_DISTANCE; a pose that closes nearer co
 SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
 MAX_ITERATIONS = 100  # of Newton's method
 ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
-MIN_DAMPING = 1e-4  # the line search halves a Newton step until its share is no larger than this
+MAX_HALVINGS = 14  # of a Newton step by the line search
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class Closing(NamedTuple):
 
     q: Array  # (nq,)
     residual: float  # largest residual of a loop equation [m or rad]
-    gap: float  # the same [robot lengths or rad]
-    iterations: int
+    gap: float  # largest residual of a loop equation [robot lengths or rad]
+    iterations: int  # number of Newton steps
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
@@ -99,12 +99,12 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
 
-        share, trial_norm = 2.0, np.inf  # the share of the step is halved before each trial
-        while trial_norm > norm and share > MIN_DAMPING:
-            share *= 0.5
-            trial = integrate_columns(mechanism, q, free, share * step)
+        for halvings in range(MAX_HALVINGS + 1):
+            trial = integrate_columns(mechanism, q, free, 0.5**halvings * step)
             trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
-        if trial_norm >= norm:  # no share of the step improves the iterate
+            if trial_norm <= norm:
+                break
+        if trial_norm >= norm:  # no part of the step improves the iterate
             break
         q, norm = trial, trial_norm
     residual = np.abs(residual_at(mechanism, q))

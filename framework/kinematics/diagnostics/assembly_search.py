@@ -1,4 +1,4 @@
-"""Search for closed poses within the joints' limits from several starts, if the reference is not closed.
+"""Search for a closed pose within the joints' limits, from several starts around the reference.
 
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
 succeed from the same start. The first start of a group is the reference itself. The others are drawn around
@@ -69,7 +69,7 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper):
         u[group.columns] = _find_nearest_offsets(group)
-    step = u * mechanism.column_scale
+    step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
     farthest = int(np.argmax(np.abs(u)))
     distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
@@ -86,9 +86,9 @@ class _Group:
     mechanism: Mechanism
     rows: LoopRows
     directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
-    columns: IntArray  # (k,)
-    lower: Array  # (k,) limits of the joints, else infinite
-    upper: Array  # (k,)
+    columns: IntArray  # (k,) columns of the joints
+    lower: Array  # (k,) least offsets within the limits; infinite without limits
+    upper: Array  # (k,) largest offsets within the limits
 
     def gap(self, u: Array) -> Array:
         """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
@@ -157,6 +157,7 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     depends[:, mechanism.elastic] = False
     shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
+
     groups, directions = [], mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
@@ -187,12 +188,13 @@ def _find_nearest_offsets(group: _Group) -> Array:
     """
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
-    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits
+    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits: half a turn, a length of the robot
     low = np.where(limited, group.lower, -half_range)
     high = np.where(limited, group.upper, half_range)
     reference = np.clip(0.0, low, high)
+
     rng = np.random.default_rng(0)
-    poses: list[Array] = []
+    poses: list[Array] = []  # offsets (k,) that close the loops
     best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0  # the first start is the reference
@@ -212,7 +214,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; offsets `u` (k,) have the least gap."""
     mechanism, q = group.mechanism, group.configuration(u)
-    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # without directions
+    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # of the loop equations, without directions
     row = np.argmax(gap)
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length
