@@ -219,7 +219,9 @@ class TwoAngles(DirectionChart):
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
         """Compute w = dx_1 a + dx_2 R_a b (T, 3) at rates v = dx, without a free turn."""
-        return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
+        a = np.eye(3)[self.axes[0]]
+        turned_b = self.couples(rotation)[:, 1]  # R_a b, the second couple
+        return v[:, :1] * a + v[:, 1:] * turned_b
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +254,8 @@ class RotationVector(Attitude):
         square_rate = 2.0 * dot(r, dr)[:, None]
         by_f = a_slope * square_rate * f + a * df  # the rate of a f
         by_s = b_slope * square_rate * s + b * ds  # the rate of b s
-        return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
+        w, dw = u + a * f + b * s, du + by_f + by_s
+        return w[:, self.axes], dw[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along rotation vectors x (T, 3) [rad] until nearest to `near`."""

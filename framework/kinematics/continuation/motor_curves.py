@@ -72,14 +72,14 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     value = clearance(robot, linearised)
     sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
-        q=frames.q.copy(),
+        q=frames.q,
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
         rate=np.zeros((count, robot.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=value,
-        least=value.copy(),
-        largest=value.copy(),
+        least=value,
+        largest=value,
         determinant_sign=sign,
         log_determinant=logarithm,
     )
