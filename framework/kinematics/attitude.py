@@ -254,8 +254,7 @@ class RotationVector(Attitude):
         square_rate = 2.0 * dot(r, dr)[:, None]
         by_f = a_slope * square_rate * f + a * df  # the rate of a f
         by_s = b_slope * square_rate * s + b * ds  # the rate of b s
-        w, dw = u + a * f + b * s, du + by_f + by_s
-        return w[:, self.axes], dw[:, self.axes]
+        return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along rotation vectors x (T, 3) [rad] until nearest to `near`."""

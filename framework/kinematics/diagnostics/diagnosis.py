@@ -86,7 +86,6 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     working, assembly, least = _reference_modes(robot) if square else (0, 0, np.inf)
     bodies = moving_bodies(robot)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
-    passive = map(robot.coordinates.name_of, robot.passive)
     advice = [
         *remarks,
         *_advice_on_motions(robot, motions, axes),
@@ -101,7 +100,9 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(name for name in passive if name not in motions.idle),
+        passive_joints=tuple(
+            name for name in map(robot.coordinates.name_of, robot.passive) if name not in motions.idle
+        ),
         idle_joints=motions.idle,
         loose_joints=motions.loose,
         springs=robot.spring_names,
