@@ -269,10 +269,10 @@ def _driving_weights(robot: ParallelRobot) -> Array:
 
 def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
     """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
+    balls = ball_columns(robot.model)  # (b, 3)
+    balls = balls[np.ptp(values[balls], axis=1) == 0.0]
     isotropic = np.zeros(robot.nv)
-    for ball in ball_columns(robot.model):
-        if np.ptp(values[ball]) == 0.0:
-            isotropic[ball] = values[ball]
+    isotropic[balls] = values[balls]
     return isotropic
 
 

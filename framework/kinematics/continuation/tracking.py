@@ -254,7 +254,7 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
 
 def _count_leading(flags: BoolArray) -> int:
     """Count the leading true flags of K flags (K,)."""
-    return len(flags) if flags.all() else int(np.argmin(flags))
+    return int(np.cumprod(flags).sum())
 
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:

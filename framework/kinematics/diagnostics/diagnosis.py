@@ -221,7 +221,10 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
 
 
 def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
-    """Yield advice on loops (of which the equations named `redundant` are), springs and dry friction."""
+    """Yield advice on loops, springs and dry friction.
+
+    `redundant` are the names of loop equations that follow from others.
+    """
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
         yield (
