@@ -210,9 +210,11 @@ class TwoAngles(DirectionChart):
         p = q / square
         g = dot(p, dq)[:, None]
         dp = dq / square - 2.0 * g * p
-        factor = self.handedness / np.sqrt(square)
+
+        factor = self.handedness / np.sqrt(square)  # h / |q|
         b = factor * cross(u, a)
         db = factor * cross(du, a) - g * b
+
         couples = np.stack([a - au * p, b], axis=1)
         rates = np.stack([-dau * p - au * dp, db], axis=1)
         return couples, rates
@@ -259,8 +261,8 @@ class RotationVector(Attitude):
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along rotation vectors x (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
-        axis = x / np.where(angle > 0, angle, 1.0)
-        difference = dot(axis, near)[:, None] - angle
+        axis = x / np.where(angle > 0, angle, 1.0)  # zero for the zero rotation
+        difference = dot(axis, near)[:, None] - angle  # of the part of `near` along the axis
         return x + whole_turns(difference) * axis
 
     def _vector(self, x: Array) -> Array:

@@ -127,8 +127,10 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
     """
     components = finite_numbers(f"wrench ({', '.join(robot.axis_names)})", W, robot.n)
     platform = robot.platform
-    if isinstance(platform, FramePlatform) and (platform.constant or not components[platform.turning].any()):
-        return robot.description.platform.frame, tuple((components @ platform.units).tolist())
+    if isinstance(platform, FramePlatform):
+        is_on_base_axes = platform.constant or not components[platform.turning].any()
+        if is_on_base_axes:
+            return robot.description.platform.frame, tuple((components @ platform.units).tolist())
     raise InvalidInput(
         f"wrench: axes of {robot.name} ({', '.join(robot.axis_names)}) move with it; give the wrench on a "
         f"frame, (force, moment) on base axes"
@@ -155,8 +157,8 @@ def applied_wrench(
     """Compute the joint forces of a wrench, (6,) or (T, 6), at T configurations.
 
     Args:
-        frames: of the robot at these configurations.
-        wrench: about the origin of `frame`, on base axes.
+        frames: frames of the robot at these configurations.
+        wrench: (force, moment) about the origin of `frame`, on base axes.
         turns: whether the wrench turns with its frame.
     """
     index = frame_index(mechanism.model, frame)

@@ -247,7 +247,10 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of all bodies for q, v and a."""
+    """Compute twists and twist rates (2, T, bodies, 6) of all bodies.
+
+    The joints have configurations q (T, nq), rates v and accelerations a (T, nv).
+    """
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):

@@ -70,7 +70,8 @@ def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
     if longest and not SMALL_LINK < longest < LARGE_LINK:
         yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
-        if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
+        assumed_size = max(body.size, SMALL_PART_RATIO * longest)
+        if longest and body.gyration > GYRATION_RATIO * assumed_size:
             yield (
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"

@@ -186,9 +186,10 @@ def jacobian_rates(
     ddS = bracket(A, frames.screws) + bracket(V, dS)
     dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
 
-    S, dS, ddS = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))  # one screw a column
-    first = dW @ S + linearised.wrenches @ dS
-    second = ddW @ S + 2.0 * dW @ dS + linearised.wrenches @ ddS
+    # S, S' and S" with one screw a column
+    S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
+    first = dW @ S_0 + linearised.wrenches @ S_1
+    second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     return first * robot.equations.signs, second * robot.equations.signs
 
 

@@ -176,8 +176,9 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
-    # (n_e, 1, n + m) changes of F by a unit deflection of each spring
-    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)
+
+    # with the platform at rest, the moving joints undo the changes of F by a unit deflection of each spring
+    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)  # (n_e, 1, n + m)
     joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
     return KinematicDerivatives(
         motors=_pose_derivatives(robot, closed, robot.actuated),

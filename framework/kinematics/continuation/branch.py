@@ -134,8 +134,8 @@ class Branch(ReadOnlyArrays):
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         chord = self.u[k + 1] - self.u[k]
         start, end = step * self.du[k], step * self.du[k + 1]  # derivatives with respect to t
-        curvature = 3 * chord - 2 * start - end
-        return self.u[k] + t * (start + t * (curvature + t * (start + end - 2 * chord)))
+        quadratic, cubic = 3 * chord - 2 * start - end, start + end - 2 * chord  # coefficients of t^2, t^3
+        return self.u[k] + t * (start + t * (quadratic + t * cubic))
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).

@@ -152,25 +152,24 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
 
-    rows = np.flatnonzero(closing.closed)  # of the S that close
+    rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
     linearised = closing.linearised.select(rows)
-    current, length = select(current, rows), length[rows]
-    rate = rates_closing_loops(robot, linearised, turn[rows])
-    ends = curves_at(robot, linearised, current.x)
+    starts, length = select(current, rows), length[rows]
+    ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
-        rate=rate,
+        rate=rates_closing_loops(robot, linearised, turn[rows]),
         share=share[rows],
-        steps=current.steps + 1,
-        least=np.minimum(current.least, ends.clearance),
-        largest=np.maximum(current.largest, ends.clearance),
+        steps=starts.steps + 1,
+        least=np.minimum(starts.least, ends.clearance),
+        largest=np.maximum(starts.largest, ends.clearance),
     )
 
     corrections = difference(robot, predicted[rows], ends.q)
-    measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
+    measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign(
-        (current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant)
-    )  # of det P
+    on_branch &= keeps_sign(  # of det P
+        (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
+    )
     return _Steps(rows, ends, measured.correction, on_branch)
 
 

@@ -369,7 +369,7 @@ class PoseSearch:
         motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and keeps its sign
         where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not matter.
         """
-        Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
+        Q, _ = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
         bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
         orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
         bases[..., 0] *= orientations[:, None]
