@@ -245,13 +245,15 @@ def coordinate_changes(
         NotAssembled: the platform does not determine the joints at some instant.
     """
     n = 0 if x is None else robot.n
-    size = n + len(columns)
+    size = n + len(columns)  # k
     J = motion.linearised.jacobian  # (T, n + m, nv)
+
+    # J Y = E; Y, E and their derivatives are stored with the coordinates as rows
     right = np.zeros((3, len(J), size, J.shape[1]))  # E of all coordinates and two time derivatives
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
     right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)
-    dq = _solve_moving(robot, motion, right[0])  # Y, with the coordinates as rows
+    dq = _solve_moving(robot, motion, right[0])  # Y
     dq[:, range(n, size), columns] = 1.0
 
     def rest_columns(change: Array) -> Array:
@@ -260,6 +262,8 @@ def coordinate_changes(
 
     rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
     dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
+
+    # J Y' = E' - J' Y, and J Y" = E" - 2 J' Y' - J" Y
     bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
     dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + bracket)
     rate = dv - bracket  # Y'

@@ -229,7 +229,8 @@ def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
     upper = np.array([limit.upper for limit in limits])
     rounding = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
     excess = np.maximum(lower - positions, positions - upper)
-    return np.where(excess > rounding, excess, 0.0) / np.maximum(upper - lower, rounding)
+    ranges = np.maximum(upper - lower, rounding)  # not zero where both limits are equal
+    return np.where(excess > rounding, excess, 0.0) / ranges
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:

@@ -90,6 +90,11 @@ class _Iterate(NamedTuple):
     room_slopes: Array  # (2 f + 2, n) derivatives of `room` along Z
     loops: LinearisedLoops  # at q, T = 1
 
+    @property
+    def determinant_room(self) -> Array:
+        """Distances (2,) of both determinants from their bounds."""
+        return self.room[-2:]
+
 
 class _Step(NamedTuple):
     """A step of the search."""
@@ -130,7 +135,7 @@ class PoseSearch:
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS  # see `_bounds`
+        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS  # see `_bounds`
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -244,8 +249,8 @@ class PoseSearch:
 
         following = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
-        least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
-        if (following.room[-2:] < least_room).any():
+        least_room = np.minimum(iterate.determinant_room, -0.5 * LEAST_DETERMINANTS)
+        if (following.determinant_room < least_room).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
             return None

@@ -143,7 +143,8 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool = False) -> FollowedCurve:
     """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
-    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
+    A stretch of up to `POSES_AT_ONCE` steps follows the tangent of the last pose. If not even its first step
+    is accepted, the steps are halved. The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
     A branch ends at a Type 1 singularity.
 
     Args:
