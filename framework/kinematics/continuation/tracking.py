@@ -144,8 +144,8 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
     """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
     A stretch of up to `POSES_AT_ONCE` steps follows the tangent of the last pose. If not even its first step
-    is accepted, the steps are halved. The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
-    A branch ends at a Type 1 singularity.
+    is accepted, the steps are halved. The poses stay in one working mode; they may pass Type 2 singularities.
+    Springs keep the deflections of q. A branch ends at a Type 1 singularity.
 
     Args:
         to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
