@@ -176,7 +176,8 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        return residual, factors.slogdet[0] != 0
+        signs, _ = factors.slogdet
+        return residual, signs != 0  # the residual stands for steps that do not exist
     has_residual = np.asarray(np.isfinite(residual).all(axis=1))
     if not has_residual.all():  # a residual that is not finite spoils the steps of all others
         return steps, has_residual

@@ -78,6 +78,7 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     motions = _free_motions(robot, q)  # (nv, f)
     driven_rates = np.concatenate([_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]])
     undriven = motions @ null_space(driven_rates @ motions)  # (nv, k) neither motors nor platform move
+
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
     idle = _choose_joints(undriven @ without_mass)

@@ -278,7 +278,7 @@ def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, known: Partial
     """
     tree, description = known.tree, known.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
-    names = dict.fromkeys([*springs, *reversed(tree.movable)])
+    names = dict.fromkeys([*springs, *reversed(tree.movable)])  # in order of preference, without repetitions
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.choose_independent(unwanted, passive)
     if len(to_lock) == unwanted.shape[1]:
@@ -453,7 +453,8 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
     frame = options.platform or (known.platform.frame if known.platform else None)
     if frame is not None:
         used |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
-    carrying: set[str] = set()
+
+    carrying: set[str] = set()  # joints that carry a loop
     for name in _loop_joint_names(known):
         carrying.update(joint.name for joint in tree.path_to_base(tree.joints[name].parent))
     serial = [name for name in _serial_joints(known) if name not in used]
