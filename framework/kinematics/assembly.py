@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import find_flipped_closure, loop_equations, row_weights, scale_jacobian
+from framework.kinematics.closures import (
+    LoopEquations,
+    find_flipped_closure,
+    loop_equations,
+    scaled_equations,
+)
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
@@ -118,7 +123,22 @@ def residual_at(mechanism: Mechanism, q: Array) -> Array:
 
 def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
     """Compute the residuals (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
-    return row_weights(mechanism, mechanism.rows.rotation) * residual_at(mechanism, q)
+    return _equations_at(mechanism, q).residual[0]
+
+
+def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
+    return _equations_at(mechanism, q).jacobian[0]
+
+
+def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
+    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
+
+
+def _equations_at(mechanism: Mechanism, q: Array) -> LoopEquations:
+    """Compute all loop equations at q (nq,) in radians and lengths of the mechanism, T = 1."""
+    return scaled_equations(mechanism, mechanism.rows, frames_at(mechanism, q[None]))
 
 
 def largest_gap(mechanism: Mechanism, q: Array) -> float:
@@ -132,8 +152,9 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
     is scaled down to `MAX_NEWTON_STEP`.
     """
-    jacobian = all_loops_matrix(mechanism, q)[:, free]
-    step = -np.linalg.lstsq(jacobian, scaled_residual(mechanism, q), rcond=RANK_ROUNDING)[0]
+    equations = _equations_at(mechanism, q)
+    jacobian = equations.jacobian[0][:, free]
+    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]
     share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
     return step * share * mechanism.column_scale[free]
 
@@ -209,15 +230,3 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         if len(configurations) == MAX_NEARBY:
             break
     return tuple(configurations)
-
-
-def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
-    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
-
-
-def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
-    rows = mechanism.rows
-    jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
-    return scale_jacobian(mechanism, jacobian, rows.rotation)[0]

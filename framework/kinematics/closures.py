@@ -139,6 +139,15 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)
 
 
+def scaled_equations(mechanism: Mechanism, rows: LoopRows, frames: FrameStack) -> LoopEquations:
+    """Compute `loop_equations` made dimensionless: in radians and lengths of the mechanism."""
+    residual, jacobian = loop_equations(rows, frames)
+    return LoopEquations(
+        residual=row_weights(mechanism, rows.rotation) * residual,
+        jacobian=scale_jacobian(mechanism, jacobian, rows.rotation),
+    )
+
+
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
     """Return a Jacobian `matrix` (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 

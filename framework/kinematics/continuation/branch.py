@@ -198,7 +198,7 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
         sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
-        series = np.linalg.lstsq(basis[sound], u, rcond=None)[0]
+        series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
         guess = integrate(robot, branch.origin, basis @ series)
 
         misfit = np.abs((basis[sound] @ series - u) / lengths).max()

@@ -23,9 +23,7 @@ from framework.kinematics.closures import (
     direction_gap_derivatives,
     direction_gaps,
     find_flipped_closure,
-    loop_equations,
-    row_weights,
-    scale_jacobian,
+    scaled_equations,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism
@@ -93,17 +91,16 @@ class _Group:
     def gap(self, u: Array) -> Array:
         """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
         frames = self._frames(u)
-        residual = loop_equations(self.rows, frames).residual[0]
-        equations = row_weights(self.mechanism, self.rows.rotation) * residual
-        return np.concatenate([equations, direction_gaps(self.directions, frames).ravel()])
+        equations = scaled_equations(self.mechanism, self.rows, frames)
+        return np.concatenate([equations.residual[0], direction_gaps(self.directions, frames).ravel()])
 
     def slope(self, u: Array) -> Array:
         """Compute the derivative (m + 3 d, k) of `gap` along u."""
         frames = self._frames(u)
-        jacobian = loop_equations(self.rows, frames).jacobian
-        rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
+        equations = scaled_equations(self.mechanism, self.rows, frames)
         vectors = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
-        return np.concatenate([rows, vectors.reshape(-1, self.mechanism.nv)])[:, self.columns]
+        rows = [equations.jacobian[0], vectors.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
+        return np.concatenate(rows)[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start that close the loops best, and their largest residual."""
