@@ -178,10 +178,7 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the flipped closure with the largest direction gap; None if none is flipped.
-
-    `frames` are those of one configuration (T = 1).
-    """
+    """Return the name of the flipped closure with the largest direction gap (T = 1); None without one."""
     directions = mechanism.directions
     distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)  # (d,) between tips of axes
     # a distance is 0 in the right pose, and sqrt(2) or more in a flipped one

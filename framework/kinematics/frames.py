@@ -247,10 +247,7 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of all bodies.
-
-    The joints have configurations q (T, nq), rates v and accelerations a (T, nv).
-    """
+    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
@@ -292,10 +289,7 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
 def _apply_to_pairs(
     function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
 ) -> Array:
-    """Apply a function of a model and two vectors to all pairs of `first` (..., k) and `second` (..., l).
-
-    The results (pairs, r) have one row for each pair.
-    """
+    """Apply a function of pinocchio to pairs of rows of `first` (..., k) and `second` (..., l)."""
     # pinocchio takes contiguous vectors only
     rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
     return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])

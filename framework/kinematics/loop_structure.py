@@ -78,12 +78,7 @@ def refuse_singular_reference(
     """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
     Two ranks are compared: that of the loops along all joints, and that of platform and loops along the
-    passive joints.
-
-    Args:
-        passive: columns of the velocity vector without a motor and without a spring.
-        poses: (nq,) each, the reference first.
-        matrices: (n + rows, nv) those of `motion_matrix` at these poses.
+    `passive` columns. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
     """
     reference, *others = matrices
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
@@ -242,10 +237,7 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Move rows that are redundant except for rounding at q (nq,) from `rows` to `rounded`.
-
-    None if there are no such rows, or if the loops are open by more than rounding.
-    """
+    """Move rows that are redundant except for rounding at q (nq,) to `rounded`; None without any."""
     rows = mechanism.rows
     matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)

@@ -39,18 +39,12 @@ def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Compute the twists (F, 6) of the platform's frame at platform velocities v (F, n) and q (F, nq).
-
-    They refer to the frame's origin and are on base axes.
-    """
+    """Compute twists (F, 6) of the platform's frame, base axes, for v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
-    """Compute the wrenches (F, 6) at the platform's origin, on base axes, whose power is W . v.
-
-    The components W (F, n) belong to configurations q (F, nq).
-    """
+    """Compute wrenches (F, 6) at the platform's origin, base axes, for W (F, n) at q (F, nq)."""
     units = np.broadcast_to(robot.platform.wrenches(frames_at(robot, q)), (len(W), robot.n, 6))
     return matvec(units.swapaxes(1, 2), W)
 

@@ -203,10 +203,7 @@ class FramePlatform(_Coordinates):
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and dv/dt, each (T, n), for x, dx and ddx; ddx is zero if None.
-
-        E is the identity except for rotation vectors.
-        """
+        """Compute v = E(x) dx and dv/dt, each (T, n); E is the identity except for rotation vectors."""
         dx, ddx = super().twist(x, dx, ddx)
         if self.attitude.rates_are_velocities:
             return dx, ddx

@@ -90,10 +90,7 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add slides along x, y and z to a parent joint; return the index of the last.
-
-    `placement` is that of the floating joint `name` on its parent.
-    """
+    """Add the slides of a floating joint `name` to its parent; return the index of the last."""
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()

@@ -75,11 +75,7 @@ def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_ste
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
-    """Return which corrections of steps are small enough for one branch, (T,).
-
-    `correction` (T,) and `advance` (T,), the length of the step, are largest motions of a joint [rad,
-    lengths].
-    """
+    """Return which `correction` (T,) of a step by `advance` (T,) [rad, lengths] is small enough."""
     allowed = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
     return (correction <= allowed) & (advance <= MAX_PREDICTOR_MOVE)
 
@@ -98,10 +94,7 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
 
 
 def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
-    """Cut steps (T,) of a parameter so that no joint moves farther than `MAX_PREDICTOR_MOVE`.
-
-    `rate` (T, nv) are the joint rates along the parameter, and `step` (T,) the steps.
-    """
+    """Cut each parameter `step` (T,) to `MAX_PREDICTOR_MOVE` of a joint at the `rate` (T, nv)."""
     speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)

@@ -357,10 +357,7 @@ def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
-    """Return the error for `count` uncontrolled motions at path coordinate s and platform x (n,).
-
-    The message ends with the `reason`.
-    """
+    """Return the error for `count` uncontrolled motions at s and platform x (n,), with a `reason`."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
