@@ -1,7 +1,7 @@
 """A mechanism for pinocchio: the open tree with its springs, and the equations of its loops.
 
 The loops need not close. `check`, the search for a closed pose and the construction of a `ParallelRobot`
-start from a mechanism.
+start from a mechanism. A column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
 
-    A column is an index into pinocchio's velocity vector (nv,). A mechanism does not change after
-    construction; `dataclasses.replace` makes another one.
+    A mechanism does not change after construction; `dataclasses.replace` makes another one.
     """
 
     description: RobotDescription  # content of the robot file

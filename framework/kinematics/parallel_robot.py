@@ -1,7 +1,7 @@
 """A parallel robot: an assembled mechanism with platform, motors and a known loop structure.
 
 The module also has the table of the robot's equations and the sparsity pattern of their Jacobian. Neither
-depends on q.
+depends on q. A column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ oriented. Files, tables and messages state the position of a ball as a rotation 
 joint's origin.
 
 Limits are `lower` and `upper` of a revolute or prismatic joint. A joint is unlimited if both are missing or
-equal, as exporters write joints without limits. If only one of them is missing, it is 0, as URDF says.
+equal, as exporters write joints without limits. If only one of them is missing, it is 0, as URDF says. A
+column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations
@@ -195,10 +196,10 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
 class JointLimit(NamedTuple):
     """The position limits of one joint in a URDF."""
 
-    joint: str
+    joint: str  # name
     coordinate: int  # index of its position in q
     column: int  # index of its velocity
-    lower: float
+    lower: float  # in `unit`
     upper: float
     unit: str  # rad or m
 

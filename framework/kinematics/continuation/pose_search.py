@@ -46,6 +46,7 @@ from framework.tolerances import (
     REACHED_PLATFORM,
 )
 
+# least sizes of the determinants of Type 1 and Type 2, over their sizes at the reference
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30  # of the search
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients

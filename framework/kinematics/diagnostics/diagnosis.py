@@ -49,8 +49,8 @@ class Diagnosis:
     springs: Names
     mobility: int  # degrees of freedom with all springs locked, idle ones included
     redundant_motors: int  # actuators beyond the mobility without idle freedoms
-    loop_equations: int
-    rank: int
+    loop_equations: int  # number of all loop equations
+    rank: int  # number of independent loop equations
     redundant_rows: Names  # closure.axis
     mass: float  # [kg]
     massless_joints: Names  # joints whose own body has no mass
