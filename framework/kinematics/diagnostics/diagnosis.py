@@ -56,7 +56,7 @@ class Diagnosis:
     massless_joints: Names  # joints whose own body has no mass
     closure_error: float  # [m or rad] at the reference
     reference: dict[str, float]  # positions of the assembled reference [rad, m]
-    platform: tuple[float, ...]
+    platform: tuple[float, ...]  # coordinates of the platform at the assembled reference
     working_mode: int  # sign, which changes at Type 1; 0 unless `square`
     assembly_mode: int  # sign, which changes at Type 2; 0 unless `square`
     smallest_singular_value: float | None  # of P, dimensionless; None unless `square` and P has columns
