@@ -41,7 +41,7 @@ Beyond these names:
 * `framework.control`: controllers on robots that differ from their model, and studies of many;
   `framework.simulation`: events and single steps;
 * `framework.identification`: calibration of the geometry, identification of masses and friction;
-  `framework.kinematics.velocity_matrices` (`kinematic_derivatives`): how the pose depends on them;
+  `framework.kinematics.velocity_matrices`: also the derivatives of a pose along them;
 * `framework.laws.law`, `framework.laws.path`: what laws and paths of one's own have to be;
 * `framework.model.beams`: springs from a beam's section; `framework.dynamics.stiffness`,
   `framework.dynamics.loading`, `framework.dynamics.vibrations`: what they do;
