@@ -41,7 +41,7 @@ Beyond these names:
 * `framework.control`: controllers on robots that differ from their model, and studies of many;
   `framework.simulation`: events and single steps;
 * `framework.identification`: calibration of the geometry, identification of masses and friction;
-  `framework.kinematics.kinematic_derivatives`: how the pose depends on them;
+  `framework.kinematics.velocity_matrices`: also the derivatives of a pose along them;
 * `framework.laws.law`, `framework.laws.path`: what laws and paths of one's own have to be;
 * `framework.model.beams`: springs from a beam's section; `framework.dynamics.stiffness`,
   `framework.dynamics.loading`, `framework.dynamics.vibrations`: what they do;
@@ -49,7 +49,7 @@ Beyond these names:
   dimensions; `framework.atlas.nearest_pose`: the nearest pose to one out of reach;
   `framework.atlas.nonsingular_mode_change`: a way from one assembly mode to another;
   `framework.proofs.assembly_modes`: all modes of given motors, proved;
-* `framework.kinematics.continuation.pose_stack`: poses of many motor angles at once;
+* `framework.kinematics.continuation.forward_kinematics`: poses of many motor angles at once;
   `framework.dynamics.forward_derivatives`: derivatives of accelerations;
   `framework.dynamics.finite_differences`: torques without a proof;
 * `framework.show.plots`, `framework.show.map`, `framework.show.drawing`: figures;

@@ -23,8 +23,7 @@ from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.pose_search import distance_unit
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import assembled_at, linearised_at
-from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive

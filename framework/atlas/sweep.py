@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import count_lost_ranks
+from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks, linearised_at
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -23,9 +23,9 @@ from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, select_fields
 from framework.planning.plan_facts import excess_facts, join_facts, torque_facts

@@ -41,7 +41,7 @@ from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
 from framework.kinematics.frames import frame_motions, frames_at, integrate
-from framework.kinematics.loop_matrices import scaled_loops
+from framework.kinematics.linearised_loops import scaled_loops
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw

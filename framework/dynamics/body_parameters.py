@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.dynamics.forces import JointMotion
+from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.tree_model import link_axes
 from framework.numerics.arrays import Array, IntArray, read_only
 

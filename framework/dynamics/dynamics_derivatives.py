@@ -8,8 +8,8 @@ changes solve
     G' dt = T' d(r - J' lambda)          at fixed lambda.
 
 The right side needs the change of the open tree's forces (`force_changes`) along the change of the joints'
-motion (`motion_changes`). G' is singular at Type 2. With redundant motors t is the solution of least norm,
-t = G k with k (n,), and dt = dG k + G dk.
+motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors t is the solution of least
+norm, t = G k with k (n,), and dt = dG k + G dk.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from framework.dynamics.forces import (
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_changes import coordinate_changes, require_turns_at_rest
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 

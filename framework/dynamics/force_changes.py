@@ -14,13 +14,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.external_wrenches import wrench_slope
-from framework.kinematics.frame_variations import loop_force_changes
-from framework.kinematics.frames import forces_on_joints_slope
-from framework.kinematics.motion_changes import MotionChanges
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.frames import forces_on_joints_slope, scratch_of
+from framework.kinematics.motion_rates import Motion, MotionChanges
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 
 

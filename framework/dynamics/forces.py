@@ -20,11 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frames import difference, forces_on_joints
+from framework.kinematics.frames import difference, forces_on_joints, scratch_of
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
 

@@ -25,8 +25,7 @@ from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import MotionChanges, coordinate_changes
-from framework.kinematics.motion_rates import Motion, platform_twists
+from framework.kinematics.motion_rates import Motion, MotionChanges, coordinate_changes, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays

@@ -17,8 +17,7 @@ from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
 from framework.dynamics.reactions import apply_wrenches, stack_wrenches, stacked_rows
 from framework.errors import InvalidInput
-from framework.kinematics.linearised_loops import ClosedStack, assembled_at
-from framework.kinematics.loop_matrices import scaled_loops
+from framework.kinematics.linearised_loops import ClosedStack, assembled_at, scaled_loops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike

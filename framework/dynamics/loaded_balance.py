@@ -34,8 +34,7 @@ from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_changes import coordinate_changes
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import matvec, solve

@@ -35,7 +35,7 @@ from framework.dynamics.tangent_stiffness import (
     moving_columns,
     tangent_stiffness,
 )
-from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
+from framework.kinematics.continuation.predictor_corrector import CurveEnds, CurveEquations, Curves
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs

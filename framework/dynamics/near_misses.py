@@ -16,7 +16,7 @@ from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import type2_matrix
 from framework.numerics.arrays import Array
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath

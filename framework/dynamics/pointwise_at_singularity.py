@@ -26,8 +26,7 @@ from framework.dynamics.reactions import apply_wrenches
 from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array

@@ -32,8 +32,13 @@ from framework.dynamics.reactions import (
 )
 from framework.errors import SingularPose
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
-from framework.kinematics.loop_matrices import clearance, find_near_type2
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    LinearisedLoops,
+    assembled_at,
+    clearance,
+    find_near_type2,
+)
 from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates

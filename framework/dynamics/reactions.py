@@ -26,12 +26,10 @@ from framework.kinematics.external_wrenches import (
     check_frame,
     expect_wrenches,
 )
-from framework.kinematics.frame_variations import tree_columns
-from framework.kinematics.frames import move_wrench, rotation_matrices
+from framework.kinematics.frames import move_wrench, rotation_matrices, scratch_of, tree_columns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.tolerances import RANK_ROUNDING

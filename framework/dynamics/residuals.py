@@ -1,7 +1,7 @@
 """The residuals of all equations along the whole motion, on the nodes in time and between them.
 
 The motion is computed from the loop equations that are independent at the reference, with the idle joints at
-rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the residual torques:
+rest or turned (`idle_turns`). This module evaluates all loop equations, and the residual torques:
 torques that the planned motion would need in addition to motors and springs. They vanish if the motion is
 exact. With the forces r of the open tree, the Jacobian J of the loop equations, the selection S of the
 actuated joints and the joint torques tau_joint,
@@ -27,10 +27,10 @@ from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_axis
-from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.laws.law import law_derivatives
 from framework.laws.path import time_derivatives

@@ -11,8 +11,7 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, escape_error
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -19,11 +19,9 @@ import pinocchio as pin
 from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import closure_drift
-from framework.kinematics.frames import FrameStack, frame_motions, frames_at
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import scaled_loops
+from framework.kinematics.frames import FrameStack, frame_motions, frames_at, scratch_of
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike, IntArray
 from framework.numerics.ordered_sums import matmul, matvec, solve
 

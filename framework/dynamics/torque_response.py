@@ -32,8 +32,7 @@ from framework.dynamics.loaded_balance import (
 )
 from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.tangent_stiffness import factor_transposed
-from framework.kinematics.motion_changes import coordinate_changes
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.clock import OnParameter
 from framework.laws.optimal_law import OptimalLaw

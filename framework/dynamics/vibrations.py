@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.dynamics.forces import mass_matrices
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import scaled_loops
+from framework.kinematics.linearised_loops import linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 

@@ -42,8 +42,7 @@ from framework.identification.combinations import (
 from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import clearance
+from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import link_axes

@@ -34,8 +34,8 @@ from framework.identification.geometry import (
     sensor_slopes,
 )
 from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
-from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file

@@ -19,11 +19,10 @@ import numpy as np
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.identification.recording import Recording, uniform_period
-from framework.kinematics.continuation.pose_stack import follow_motors
+from framework.kinematics.continuation.forward_kinematics import follow_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_loops, require_square
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import clearance
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray

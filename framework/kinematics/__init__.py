@@ -7,28 +7,23 @@ What a robot is
                         the table of its equations and the sparsity pattern of dF/dq
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            closes the loops at the reference
-    loop_structure      which loop equations are redundant, which joints are idle
-    rounded_loops       loop equations that are redundant except for rounded dimensions
+    loop_structure      which loop equations are redundant, exactly or except for rounding; idle joints
 
 The equations, for stacks of configurations
-    pinocchio_memory    pinocchio's working memory as arrays
-    frames              poses, screws and motions of frames; steps between configurations
+    frames              poses, screws and motions of frames, by pinocchio; steps between configurations
     closures            the loop equations, their derivatives and drift
-    single_pose         the loop equations of one configuration at a time, for control cycles
-    linearised_loops    F and dF/dq at given configurations
+    linearised_loops    F and dF/dq at given configurations; the dimensionless matrices of Type 1 and Type 2
 
 From the platform to the joints, and back
-    inverse_kinematics  all joints at prescribed x, or passive joints at prescribed motor joints
-    motion_rates        velocities and accelerations of all joints; time derivatives of dF/dq
-    motion_changes      exact derivatives of motions; `frame_variations`: of frames and loop forces
-    loop_matrices       the dimensionless matrices of Type 1 and Type 2
-    kinematic_derivatives   derivatives of pose, A, B, C along motors and springs
-    velocity_matrices   A v = B dq_a + C dq_e
-    idle_turns          turns that neither the platform nor the loops determine
+    inverse_kinematics  all joints at prescribed x, or passive joints at prescribed motor joints; idle turns
+    motion_rates        velocities and accelerations of all joints; their exact derivatives
+    velocity_matrices   A v = B dq_a + C dq_e; derivatives of pose, A, B, C along motors and springs
+    external_wrenches   wrenches of the environment on bodies, and their joint forces
     modes               signs of working and assembly modes; legs
     continuation/       follows branches along paths, and with the motors (forward kinematics)
 
 For the user
-    pose, placements    a pose by the names of the robot file; where joints and frames are drawn
-    diagnostics/        `check`: mobility, search for closed poses, advice
+    placements          where joints and frames are drawn
+    mistaken_units      remarks on values that seem to be in another unit
+    diagnostics/        `check`: mobility, search for closed poses, advice; a pose by the names of its file
 """

@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import find_flipped_closure, loop_equations, row_weights, scale_jacobian
+from framework.kinematics.closures import (
+    LoopEquations,
+    find_flipped_closure,
+    loop_equations,
+    scaled_equations,
+)
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
@@ -19,29 +24,26 @@ from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
 NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random directions tried
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
 MIN_NEARBY_RATIO = 0.1  # share of NEARBY_DISTANCE; a pose that closes nearer counts as the reference itself
 SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 100  # of Newton's method
 ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
-MIN_DAMPING = 1e-4  # the line search halves a Newton step until its share is no larger than this
+MAX_HALVINGS = 14  # of a Newton step by the line search
 
 
 @dataclass(frozen=True, eq=False)
 class Configuration(ReadOnlyArrays):
-    """A configuration with closed loops, as returned by solvers.
+    """A configuration with closed loops, as returned by solvers."""
 
-    `q` (nq,), platform `x` (n,), largest loop `residual` [m or rad], Newton `iterations`.
-    """
-
-    q: Array
-    x: Array
-    residual: float
-    iterations: int
+    q: Array  # (nq,)
+    x: Array  # (n,) platform coordinates
+    residual: float  # largest residual of a loop equation [m or rad]
+    iterations: int  # of Newton's method
 
 
 def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array:
-    """Return q (nq,) of an array or of a `Configuration`, checked.
+    """Return the checked q (nq,) of `pose`, an array or a `Configuration`.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.
@@ -58,8 +60,8 @@ class Closing(NamedTuple):
 
     q: Array  # (nq,)
     residual: float  # largest residual of a loop equation [m or rad]
-    gap: float  # the same [robot lengths or rad]
-    iterations: int
+    gap: float  # largest residual of a loop equation [robot lengths or rad]
+    iterations: int  # number of Newton steps
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
@@ -101,12 +103,13 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
-        share, trial_norm = 2.0, np.inf  # the share is halved before each trial
-        while trial_norm > norm and share > MIN_DAMPING:
-            share *= 0.5
-            trial = integrate_columns(mechanism, q, free, share * step)
+
+        for halvings in range(MAX_HALVINGS + 1):
+            trial = integrate_columns(mechanism, q, free, 0.5**halvings * step)
             trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
-        if trial_norm >= norm:
+            if trial_norm <= norm:
+                break
+        if trial_norm >= norm:  # no part of the step improves the iterate
             break
         q, norm = trial, trial_norm
     residual = np.abs(residual_at(mechanism, q))
@@ -120,7 +123,22 @@ def residual_at(mechanism: Mechanism, q: Array) -> Array:
 
 def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
     """Compute the residuals (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
-    return row_weights(mechanism, mechanism.rows.rotation) * residual_at(mechanism, q)
+    return _equations_at(mechanism, q).residual[0]
+
+
+def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
+    return _equations_at(mechanism, q).jacobian[0]
+
+
+def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
+    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
+
+
+def _equations_at(mechanism: Mechanism, q: Array) -> LoopEquations:
+    """Compute all loop equations at q (nq,) in radians and lengths of the mechanism, T = 1."""
+    return scaled_equations(mechanism, mechanism.rows, frames_at(mechanism, q[None]))
 
 
 def largest_gap(mechanism: Mechanism, q: Array) -> float:
@@ -129,19 +147,23 @@ def largest_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
-    """Compute Newton's step (k,) of the columns `free` (k,) towards closed loops [rad, m].
+    """Compute Newton's step (k,) of the columns `free` (k,) from q (nq,) towards closed loops [rad, m].
 
     Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
     is scaled down to `MAX_NEWTON_STEP`.
     """
-    jacobian = all_loops_matrix(mechanism, q)[:, free]
-    step = -np.linalg.lstsq(jacobian, scaled_residual(mechanism, q), rcond=RANK_ROUNDING)[0]
+    equations = _equations_at(mechanism, q)
+    jacobian = equations.jacobian[0][:, free]
+    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]
     share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
     return step * share * mechanism.column_scale[free]
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops that stay open, which names the equation with the largest residual."""
+    """Return the error for loops that stay open in `closing`.
+
+    The message names the equation with the largest residual.
+    """
     rows = mechanism.rows
     row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
     residual = abs(float(residual_at(mechanism, closing.q)[row]))
@@ -156,7 +178,7 @@ def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Raise NotAssembled if a stated joint of a closed pose is far from its value in the file."""
+    """Raise NotAssembled if `closing` moved a joint of the columns `stated` far from the file's value."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -173,7 +195,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate and a remark on angles that look like degrees."""
+    """Return the error for a `reason`, with the pose of `closing` and a remark on angles in degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -185,7 +207,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     are closed again. The configurations lie in different directions from the reference. A rigid structure has
     none.
     """
-    joints = mechanism.joints
+    joints, scale = mechanism.joints, mechanism.column_scale
     allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
@@ -194,9 +216,10 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,)
-        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
+        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
-        offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
+
+        offset = difference(mechanism, reference, closing.q) / scale
         distance = np.linalg.norm(offset)
         if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue
@@ -207,15 +230,3 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         if len(configurations) == MAX_NEARBY:
             break
     return tuple(configurations)
-
-
-def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
-    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
-
-
-def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
-    rows = mechanism.rows
-    jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
-    return scale_jacobian(mechanism, jacobian, rows.rotation)[0]

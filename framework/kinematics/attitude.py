@@ -5,7 +5,7 @@ of k couples on the angular velocity w of the frame,
 
     v = couples(R) w = E(x) dx,
 
-where dx are the rates of x.
+where dx are the time derivatives of x.
 
 A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples,
 their rates and E(x) are analytic functions, so complex steps differentiate them.
@@ -46,10 +46,11 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Attitude(ReadOnlyArrays):
-    """A chart of k coordinates of attitudes R (T, 3, 3), whose columns are the frame's axes.
+    """A chart of k coordinates of attitudes R.
 
-    The methods of this class hold for couples along base axes and v = dx. Without axes (k = 0) the class
-    itself is the chart of a platform that does not turn.
+    R is the argument `rotation` (T, 3, 3); its columns are the axes of the frame. The methods of this class
+    hold for couples along base axes and v = dx. Without axes (k = 0) the class itself is the chart of a
+    platform that does not turn.
     """
 
     axes: IntArray  # (k,) base axes 0..2 in the stated order
@@ -80,11 +81,11 @@ class Attitude(ReadOnlyArrays):
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute E(x) u and its time derivative, (T, k) each, for rates dx and du of x and u."""
+        """Compute E(x) u and its time derivative, (T, k) each, for derivatives dx, du of x, u."""
         return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute the coordinates (T, k) of the same attitudes nearest to `near` (k,) or (T, k)."""
+        """Return the coordinates (T, k) of the attitudes x that are nearest to `near` (k,) or (T, k)."""
         return x + whole_turns(near - x)
 
 
@@ -101,8 +102,9 @@ class TwistAngle(Attitude):
         """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
         i = int(self.axes[0])
         j, k = (i + 1) % 3, (i + 2) % 3
-        sine = rotation[:, k, j] - rotation[:, j, k]
-        return np.arctan2(sine, rotation[:, j, j] + rotation[:, k, k])[:, None]
+        sine = rotation[:, k, j] - rotation[:, j, k]  # sine and cosine, both times the same factor
+        cosine = rotation[:, j, j] + rotation[:, k, k]
+        return np.arctan2(sine, cosine)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,7 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3)."""
+        """Compute the couple (e + u) / (1 + e . u), (T, 1, 3), and its rate."""
         i = self.frame_axis
         size = 1.0 + u[:, i, None]
         couple = (np.eye(3)[i] + u) / size  # (T, 3)
@@ -191,7 +193,7 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the two couples and their time derivatives, (T, 2, 3) each.
+        """Compute the two couples and their time derivatives, (T, 2, 3) each, for u and u' = `du`.
 
         The couples are a - (a.u) p and b = h u x a/|q|, with the `handedness` h, q = u - (a.u) a and p =
         q/q^2. Primes are time derivatives. With g = p . q', the rate of log |q|,
@@ -205,16 +207,20 @@ class TwoAngles(DirectionChart):
         p = q / square
         g = dot(p, dq)[:, None]
         dp = dq / square - 2.0 * g * p
-        factor = self.handedness / np.sqrt(square)
+
+        factor = self.handedness / np.sqrt(square)  # h / |q|
         b = factor * cross(u, a)
         db = factor * cross(du, a) - g * b
+
         couples = np.stack([a - au * p, b], axis=1)
         rates = np.stack([-dau * p - au * dp, db], axis=1)
         return couples, rates
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute w (T, 3) = dx_1 a + dx_2 R_a b, without the free turn about R c."""
-        return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
+        """Compute w = dx_1 a + dx_2 R_a b (T, 3) at rates v = dx, without a free turn."""
+        a = np.eye(3)[self.axes[0]]
+        turned_b = self.couples(rotation)[:, 1]  # R_a b, the second couple
+        return v[:, :1] * a + v[:, 1:] * turned_b
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,8 +237,9 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r with rates dr.
+        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r.
 
+        r and dr/dt are the arguments x and dx, with their components in the stated order.
         w = u + a f + b s with f = r x u and s = r x f. For u = dr, w is the angular velocity. The rates of f
         and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
         functions of |r|^2, whose rate is 2 r.dr.
@@ -249,14 +256,14 @@ class RotationVector(Attitude):
         return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
+        """Add whole turns along rotation vectors x (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
-        axis = x / np.where(angle > 0, angle, 1.0)
-        difference = dot(axis, near)[:, None] - angle
+        axis = x / np.where(angle > 0, angle, 1.0)  # zero for the zero rotation
+        difference = dot(axis, near)[:, None] - angle  # of the part of `near` along the axis
         return x + whole_turns(difference) * axis
 
     def _vector(self, x: Array) -> Array:
-        """Return vectors (T, 3) on base axes for components (T, 3) in the stated order."""
+        """Return vectors (T, 3) on base axes for components x (T, 3) in the stated order."""
         vector = np.empty_like(x)
         vector[:, self.axes] = x
         return vector

@@ -1,4 +1,4 @@
-"""The loop equations closures(q) = 0 with Jacobian and drift, for stacks of configurations.
+"""The loop equations closures(q) = 0 with their derivatives, for stacks of configurations.
 
 Each equation has a wrench between its two bodies. The derivative of the equation along a joint is the power
 of this wrench on the joint's screw (Ball's reciprocal product) if the joint carries one of the bodies, and
@@ -6,7 +6,7 @@ zero if it carries both or neither. So one table of rows (`Mechanism.rows`) desc
 kind is data, not code.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
-Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these vectors.
+Residual, Jacobian and exact derivatives (`wrench_changes`, `loop_force_changes`) follow from these vectors.
 
 The module also compares directions of the two frames of a closure, to tell a closed loop from a flipped one.
 A rotation is locked by equations that keep axes of the two frames perpendicular (see `LoopRows`). They
@@ -22,13 +22,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frames import FrameMotions, FrameStack, frame_velocities, move_wrench
+from framework.kinematics.frames import (
+    FrameMotions,
+    FrameStack,
+    bracket_wrenches,
+    frame_velocities,
+    move_wrench,
+    tree_columns,
+)
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import cross, dot, matmul
-
-FLIPPED_DISTANCE = 1.0  # between the tips of two unit axes: 0 in the right pose, sqrt(2) or more if flipped
 
 
 class LoopEquations(NamedTuple):
@@ -63,11 +68,6 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     return LoopEquations(residual, jacobian)
 
 
-def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
-    """Compute the wrenches (T, m, 6) of `loop_wrenches` about the base's origin."""
-    return move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
-
-
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have zero wrenches.
 
@@ -93,9 +93,10 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     """Compute changes (..., m, 6) of the rows' wrenches about the base's origin, to first order.
 
-    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. With
-    primes for changes, the wrench with the force f and the couple b x a at the point p changes by (f', b' x a
-    + b x a' + p' x f + p x f').
+    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. The
+    wrench of a row consists of a force f along a and a couple along b x a, with the `row_factors` a and b, at
+    the second frame's origin p. With primes for changes, it changes by the force f' and the moment
+    b' x a + b x a' + p' x f + p x f', weights left out.
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
@@ -111,8 +112,8 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     """Compute the second time derivatives (..., m) of the loop equations for motions of the frames.
 
-    With both factors a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". Without joint
-    accelerations they are the drift dJ/dt v.
+    With the `row_factors` a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". If the motions have
+    no joint accelerations, they are the drift dJ/dt v.
     """
     (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
     terms = dda * b + 2.0 * da * db + a * ddb
@@ -121,9 +122,10 @@ def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
-    """Select the two vectors (..., m, 3) whose scalar product is each row, see `LoopRows`.
+    """Select the two vectors a, b (..., m, 3) whose scalar product is each row, see `LoopRows`.
 
-    The first vector is u, or d in a row d . d. The second is d, or w in a rotation row. Both are linear in
+    The axis u belongs to the first frame of a row and the axis w to the second; d leads from the first origin
+    to the second. a is u, or d in a row d . d. b is d, or w in a rotation row u . w. Both are linear in
     `placements` (..., F, 4, 3), the axes and origins of the frames. So rates of `placements` give rates of
     the vectors.
     """
@@ -137,8 +139,17 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)
 
 
+def scaled_equations(mechanism: Mechanism, rows: LoopRows, frames: FrameStack) -> LoopEquations:
+    """Compute `loop_equations` made dimensionless: in radians and lengths of the mechanism."""
+    residual, jacobian = loop_equations(rows, frames)
+    return LoopEquations(
+        residual=row_weights(mechanism, rows.rotation) * residual,
+        jacobian=scale_jacobian(mechanism, jacobian, rows.rotation),
+    )
+
+
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
-    """Return a Jacobian (..., m, nv) made dimensionless: metres become lengths of the mechanism.
+    """Return a Jacobian `matrix` (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 
     `turning` (m,) marks the rows that are angles. Rank and conditioning are judged on the result, so they do
     not depend on the unit of length.
@@ -147,18 +158,18 @@ def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> A
 
 
 def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
-    """Return factors (m,) that make equations dimensionless: 1 for angles, else 1 / length."""
+    """Return factors (m,) that make equations dimensionless: 1 if `turning` (m,), else 1 / length."""
     return np.where(turning, 1.0, 1.0 / mechanism.length)
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute the differences (T, d, 3) of d pairs of axes that should be parallel."""
+    """Compute the differences (T, d, 3) of the unit axes of d pairs that should be parallel, `directions`."""
     first, second, axis, _ = directions
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
 
 def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
+    """Compute the derivatives (T, d, 3, nv) of the `direction_gaps` of d pairs along the joints."""
     first, second, axis, _ = directions
     twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
     slopes = frame_velocities(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
@@ -167,9 +178,46 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the closure with the largest direction gap (T = 1); None if none is flipped."""
+    """Return the name of the flipped closure with the largest direction gap (T = 1); None without one."""
     directions = mechanism.directions
-    distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
-    if not np.any(distances > FLIPPED_DISTANCE):
-        return None
-    return directions.closures[np.argmax(distances)]
+    distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)  # (d,) between tips of axes
+    # a distance is 0 in the right pose, and sqrt(2) or more in a flipped one
+    return directions.closures[np.argmax(distances)] if np.any(distances > 1.0) else None
+
+
+def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
+    """Compute the derivative d(J' lambda)/dq (T, nv, nv) of loop forces at fixed multipliers (T, m).
+
+    Row i, column j is the change of the force on joint i by a unit motion of joint j.
+    """
+    unit_motions = np.eye(mechanism.nv)[None]
+    wrenches = move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
+    changes = loop_force_changes(mechanism, rows, frames, wrenches, multipliers, unit_motions)
+    return changes.swapaxes(1, 2)
+
+
+def loop_force_changes(
+    mechanism: Mechanism,
+    rows: LoopRows,
+    frames: FrameStack,
+    wrenches: Array,
+    multipliers: Array,
+    motions: Array,
+) -> Array:
+    """Compute changes (T, k, nv) of the loop forces J' lambda by motions (T, k, nv).
+
+    The `multipliers` lambda (T, m) are constant. The force on joint i is S_i . W_i, with its screw S_i and
+    the sum W_i of the loops' `wrenches` (T, m, 6) on the bodies that it carries, all about the base's origin.
+    S_i changes with the joints that precede i, and W_i with the frames.
+    """
+    screws, placements = frames.screws, frames.placements[:, None]
+    carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
+    steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
+
+    frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
+    changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
+    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
+
+    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)
+    by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
+    return by_wrenches + by_screws

@@ -20,11 +20,16 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.frame_variations import bracket_wrenches, tree_columns
-from framework.kinematics.frames import FrameStack, move_wrench, rotation_matrices
+from framework.kinematics.frames import (
+    FrameStack,
+    bracket_wrenches,
+    move_wrench,
+    rotation_matrices,
+    scratch_of,
+    tree_columns,
+)
 from framework.kinematics.mechanism import Mechanism, frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
 from framework.laws.path import NO_KNOTS
 from framework.model.description import FrameWrench
@@ -71,7 +76,7 @@ class ExternalWrenches:
             check_frame(mechanism, entry.frame)
 
     def times(self, factor: float) -> ExternalWrenches:
-        """Return the wrenches multiplied by a number."""
+        """Return the wrenches multiplied by a `factor`."""
         return ExternalWrenches(tuple(entry.times(factor) for entry in self.entries))
 
     @property
@@ -122,8 +127,10 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
     """
     components = finite_numbers(f"wrench ({', '.join(robot.axis_names)})", W, robot.n)
     platform = robot.platform
-    if isinstance(platform, FramePlatform) and (platform.constant or not components[platform.turning].any()):
-        return robot.description.platform.frame, tuple((components @ platform.units).tolist())
+    if isinstance(platform, FramePlatform):
+        is_on_base_axes = platform.constant or not components[platform.turning].any()
+        if is_on_base_axes:
+            return robot.description.platform.frame, tuple((components @ platform.units).tolist())
     raise InvalidInput(
         f"wrench: axes of {robot.name} ({', '.join(robot.axis_names)}) move with it; give the wrench on a "
         f"frame, (force, moment) on base axes"
@@ -150,8 +157,8 @@ def applied_wrench(
     """Compute the joint forces of a wrench, (6,) or (T, 6), at T configurations.
 
     Args:
-        frames: of the robot at these configurations.
-        wrench: about the origin of `frame`, on base axes.
+        frames: frames of the robot at these configurations.
+        wrench: (force, moment) about the origin of `frame`, on base axes.
         turns: whether the wrench turns with its frame.
     """
     index = frame_index(mechanism.model, frame)
@@ -171,7 +178,7 @@ def applied_wrench(
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of a wrench's joint forces.
+    """Compute the derivative (T, nv, nv) of the joint forces of the wrench `applied`.
 
     Row j, column i is the derivative of S_j . w along joint i, with S_j the screw of joint j (`screws` (T,
     nv, 6)) and w = (f, m + p x f) the wrench about the base's origin, which acts at the point p. For joints
@@ -194,14 +201,14 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
-    """Compute origin (T, 3) and rotation (T, 3, 3) of one of pinocchio's frames."""
+    """Compute origin (T, 3) and rotation (T, 3, 3) of pinocchio's frame of an `index`."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]
-    model, data = mechanism.model, scratch_of(mechanism).data
-    poses = np.empty((len(frames.q), 12))
+    model, scratch = mechanism.model, scratch_of(mechanism)
+    placements = np.empty((len(frames.q), 12))  # the three axes of the frame, then its origin
     for k, q in enumerate(frames.q):
-        pin.forwardKinematics(model, data, q)
-        placement = pin.updateFramePlacement(model, data, index)
-        poses[k] = np.append(placement.rotation.ravel(order="F"), placement.translation)
-    return poses[:, 9:], rotation_matrices(poses)
+        pin.forwardKinematics(model, scratch.data, q)
+        pin.updateFramePlacement(model, scratch.data, index)
+        placements[k] = scratch.placements[index]
+    return placements[:, 9:], rotation_matrices(placements)

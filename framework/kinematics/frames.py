@@ -1,22 +1,126 @@
-"""Poses, joint screws and motions of a robot's frames for a stack of configurations.
+"""Poses, joint screws and motions of a robot's frames, and steps between configurations, all in stacks.
 
 This module and those of forces call pinocchio in a Python loop over configurations; everything else works on
-stacks in numpy. Twists are (linear, angular) on the axes of the base. Twists of frames refer to the frame's
-origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints to the origin of the base (WORLD).
+stacks in numpy. Pinocchio's results are read through views of its memory (`Scratch`): reading them element by
+element through its accessors takes longer than computing them.
+
+Twists are (linear, angular) and wrenches (force, moment), on the axes of the base. They refer to the base's
+origin (pinocchio's WORLD), except for `FrameStack.frame_jacobian`, which refers to the frame's own origin.
+
+A screw S_j is the twist that a unit rate of joint j gives to the bodies that it carries. A screw S fixed to a
+body with the twist V changes at the rate of the Lie bracket [V, S]. Source: J. Carpentier and N. Mansard,
+Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import Scratch, scratch_of
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross, matvec
+
+
+class Scratch(NamedTuple):
+    """Pinocchio's working memory for a mechanism, with its results as arrays.
+
+    The first six arrays are views of the memory of `data`, which every call of pinocchio with `data` changes.
+    """
+
+    data: pin.Data
+    placements: Array  # (frames of the model, 12) the three axes of a frame, then its origin [m]
+    columns: Array  # (nv, 6) screws of the joints
+    velocities: Array  # (bodies of the model, 6) twists
+    accelerations: Array  # (bodies of the model, 6) time derivatives of these twists
+    joints: Array  # (bodies of the model, 12) placements of the joints, like `placements`
+    forces: Array  # (bodies of the model, 6) wrenches through the joints, on their own axes, by RNEA
+    frames: IntArray  # (F,) rows of `placements`: the frames `Mechanism.frames`
+    bodies: IntArray  # (F,) rows of `velocities`: the bodies that carry these frames
+    carried: Array  # (F, nv) 1 where the joint of the column carries the frame, else 0
+
+    @staticmethod
+    def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
+        """Allocate working memory for a model and some of its frames.
+
+        Raises:
+            RuntimeError: `eigenpy.sharedMemory` is off, so pinocchio returns copies of its memory.
+        """
+        data = model.createData()
+        if data.J.flags.owndata:
+            raise RuntimeError("pinocchio hands out copies of its memory: call eigenpy.sharedMemory(True)")
+        bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        return Scratch(
+            data=data,
+            placements=_view_vector(data.oMf, "rotation", 12),
+            columns=data.J.reshape(6, -1).T,
+            velocities=_view_vector(data.ov, "linear", 6),
+            accelerations=_view_vector(data.oa, "linear", 6),
+            joints=_view_vector(data.oMi, "rotation", 12),
+            forces=_view_vector(data.f, "linear", 6),
+            frames=np.array(frames, dtype=np.intp),
+            bodies=bodies,
+            carried=carrying_joints(model)[bodies],
+        )
+
+
+def scratch_of(mechanism: Mechanism) -> Scratch:
+    """Return the working memory of this thread, which every call of pinocchio overwrites.
+
+    Allocating a `pin.Data` takes longer than a hundred calls with it (7.7 ms for 81 joints). The memory
+    belongs to the model, so a mechanism and the robot made of it share the same memory.
+    """
+    return _thread_scratch(mechanism.model, mechanism.frames, threading.get_ident())
+
+
+@lru_cache(maxsize=16)  # of several megabytes each
+def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
+    """Allocate working memory; the `thread` makes the cache return one to each thread."""
+    return Scratch.of(model, frames)
+
+
+def _view_vector(vector: Any, first_part: str, width: int) -> Array:
+    """View a C++ vector of pinocchio as an array (elements, width) of doubles.
+
+    A C++ vector stores its elements in one block of memory, at a constant stride [bytes]. Of each element the
+    view shows `width` doubles, from its attribute `first_part` on.
+    """
+    first, second = (getattr(vector[k], first_part) for k in range(2))
+    stride = second.ctypes.data - first.ctypes.data
+    return as_strided(first, (len(vector), width), (stride, first.itemsize))
+
+
+def carrying_joints(model: pin.Model) -> Array:
+    """Return 1 where the joint of a column carries a body, else 0, (bodies, nv)."""
+    carried = np.zeros((model.njoints, model.nv))
+    for j in range(1, model.njoints):  # body 0 is the base; parents precede their children
+        joint = model.joints[j]
+        carried[j] = carried[model.parents[j]]
+        carried[j, joint.idx_v : joint.idx_v + joint.nv] = 1.0
+    return carried
+
+
+class TreeColumns(NamedTuple):
+    """Which columns of pinocchio's velocity vector move which bodies of the tree."""
+
+    owner: IntArray  # (nv,) joint of each column; also the index of the body next to this joint
+    carried: Array  # (bodies, nv) 1 where the joint of the column carries the body, else 0
+    precedes: BoolArray  # (nv, nv) whether column i moves the body of column j, and so the screw of j
+
+
+@lru_cache(maxsize=64)
+def tree_columns(mechanism: Mechanism) -> TreeColumns:
+    """Return which bodies and screws each column moves."""
+    model = mechanism.model
+    owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
+    carried = carrying_joints(model)
+    return TreeColumns(owner, carried, precedes=carried[owner].T > 0.0)
 
 
 class FrameStack(NamedTuple):
@@ -42,7 +146,7 @@ class FrameStack(NamedTuple):
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
     def frame_jacobian(self, frame: int) -> Array:
-        """Compute the Jacobian (T, 6, nv) of one frame at its origin, base axes."""
+        """Compute the Jacobian (T, 6, nv) of the frame of index `frame` at its origin, on base axes."""
         twists = self.screws.copy()  # (T, nv, 6)
         twists[..., :3] += cross(self.screws[..., 3:], self.position[:, frame, None])
         twists *= self.carried[frame][:, None]
@@ -52,19 +156,19 @@ class FrameStack(NamedTuple):
 class FrameMotions(NamedTuple):
     """Twists of F frames at T instants, with velocities and accelerations of axes and origins.
 
-    A twist (v, w) refers to the base's origin: v is the velocity of the body's point that is there.
+    In a twist (v, w), v is the velocity of the point of the body that coincides with the base's origin.
     """
 
     twist: Array  # (T, F, 6)
-    twist_rate: Array  # (T, F, 6)
-    rates: Array  # (3, T, F, 4, 3) axes and origins, their velocities, and their accelerations
+    twist_rate: Array  # (T, F, 6) time derivative
+    rates: Array  # (3, T, F, 4, 3) axes and origins, then their velocities, then their accelerations
 
     @staticmethod
     def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
-        """Compute the motions of frames placed at c (..., F, 4, 3) with twists (v, w) (..., F, 6).
+        """Compute the motions of frames with axes and origins c, `placements` (..., F, 4, 3).
 
-        Axes move at c' = w x c, origins at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for
-        origins.
+        `twist` (v, w) and its time derivative `twist_rate` are (..., F, 6). Axes move at c' = w x c, origins
+        at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for origins.
         """
         velocity = frame_velocities(twist, placements)
         acceleration = frame_velocities(twist_rate, placements) + turn_vectors(twist, velocity)
@@ -76,6 +180,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     model, scratch = mechanism.model, scratch_of(mechanism)
 
     def compute(k: int) -> pin.Model:
+        """Compute joints and screws at q[k]."""
         pin.computeJointJacobians(model, scratch.data, q[k])
         return model
 
@@ -98,13 +203,13 @@ def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Mode
 
 
 def rotation_matrices(placements: Array) -> Array:
-    """Return the rotation matrices (..., 3, 3) of placements (..., 12) of `Scratch`."""
+    """Return the rotation matrices (..., 3, 3) of placements (..., 12) as in `Scratch`."""
     axes = placements[..., :9].reshape(*placements.shape[:-1], 3, 3)  # one axis a row
     return axes.swapaxes(-1, -2)
 
 
 def turn_vectors(twist: Array, vectors: Array) -> Array:
-    """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
+    """Compute w x c (..., F, 4, 3) for `vectors` c and the angular part w of `twist`."""
     return cross(twist[..., None, 3:], vectors)
 
 
@@ -121,10 +226,10 @@ def frame_velocities(twist: Array, placements: Array) -> Array:
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (force, moment) (..., 6) to other points.
+    """Refer each `wrench` (f, m) (..., 6) to another point.
 
-    The arms (..., 3) lead from the new points to the old ones. A moment m becomes m + arm x f; the force f
-    does not change.
+    The arms (..., 3) [m] lead from the new points to the old ones. The moment m becomes m + arm x f; the
+    force f does not change.
     """
     result = wrench.copy()
     result[..., 3:] += cross(arm, wrench[..., :3])
@@ -142,7 +247,7 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of all bodies for joint motions v, a (T, nv)."""
+    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
@@ -152,8 +257,29 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     return twists
 
 
+def bracket(a: Array, b: Array) -> Array:
+    """Compute the bracket [a, b] (..., 6): the rate of a screw b fixed to a body with twist a.
+
+    With a = (v, w) and b = (c, u), all (..., 3), it is (w x c + v x u, w x u).
+    """
+    parts = b.reshape(*b.shape[:-1], 2, 3)  # c and u
+    rates = cross(a[..., None, 3:], parts)  # w x c and w x u
+    rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])  # v x u
+    return rates.reshape(*rates.shape[:-2], 6)
+
+
+def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
+    """Compute the wrenches (T, nv, 6) whose power on any twist V is [V, S] . W.
+
+    For screws S = (v, w) and wrenches W = (f, m), both (T, nv, 6), they are (w x f, v x f + w x m).
+    """
+    linear, angular = screws[..., :3], screws[..., 3:]
+    force, moment = wrenches[..., :3], wrenches[..., 3:]
+    return np.concatenate([cross(angular, force), cross(linear, force) + cross(angular, moment)], axis=-1)
+
+
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
-    """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
+    """Move configurations q (..., nq) by tangent vectors `step` (..., nv), as pinocchio's `integrate`."""
     if not mechanism.has_balls:
         return q + step
     starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
@@ -163,26 +289,26 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
 def _apply_to_pairs(
     function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
 ) -> Array:
-    """Apply a function of pinocchio to pairs of vectors (..., k) and (..., l), one after the other."""
+    """Apply a function of pinocchio to pairs of rows of `first` (..., k) and `second` (..., l)."""
     # pinocchio takes contiguous vectors only
     rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
     return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])
 
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
-    """Return tangent vectors (..., nv) with the motions (..., k) of `columns` (k,), zero elsewhere."""
+    """Return tangent vectors (..., nv) with `motion` (..., k) in `columns` (k,), zero elsewhere."""
     full = np.zeros((*motion.shape[:-1], mechanism.nv))
     full[..., columns] = motion
     return full
 
 
 def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: Array) -> Array:
-    """Move configurations q (..., nq) by steps (..., k) of `columns` (k,); the others rest."""
+    """Move configurations q (..., nq) by `step` (..., k) in `columns` (k,); the other joints rest."""
     return integrate(mechanism, q, full_motion(mechanism, columns, step))
 
 
 def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
-    """Return the largest entries (T,) of tangent vectors (T, nv) [rad, robot lengths]."""
+    """Return the largest |entry| (T,) of tangent vectors `motion` (T, nv) [rad, robot lengths]."""
     return np.abs(motion / mechanism.column_scale).max(axis=1, initial=0.0)
 
 
@@ -196,18 +322,18 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
 
 
 def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) with respect to q."""
+    """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along q."""
     by_end = pin.ArgumentPosition.ARG1
     rows = map(np.ascontiguousarray, q)
     return np.array([pin.dDifference(mechanism.model, start, row, by_end) for row in rows])
 
 
 def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
-    """Compute the generalised forces (T, nv) on joint rates of forces conjugate to a difference.
+    """Convert forces conjugate to rates of a `difference` to generalised forces (T, nv).
 
-    Let d (T, nv) be the `difference` from `start` (nq,) to q (T, nq), and dd/dt = D v at joint rates v.
-    Forces (T, nv) with the power force . dd/dt are D' force as generalised forces. D is the identity except
-    on balls, whose angular velocity is not the rate of the rotation vector.
+    Let d (T, nv) be the difference from `start` (nq,) to q (T, nq), and D its derivative along q, so that
+    dd/dt = D v at joint rates v. The `force` (T, nv) has the power force . dd/dt = (D' force) . v. D is the
+    identity except on balls, whose angular velocity is not the rate of the rotation vector.
     """
     if not (mechanism.has_balls and force.any()):
         return force
@@ -215,10 +341,11 @@ def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array)
 
 
 def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs with stiffness (nv,).
+    """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs with `stiffness` (nv,).
 
-    D' of `forces_on_joints` does not appear: a ball has equal stiffness about all axes, so its torque is
-    along its rotation vector, which D' does not change.
+    The springs are at rest at `start` (nq,) and deflected to q (T, nq). The matrix D' of `forces_on_joints`
+    does not appear: a ball has equal stiffness about all axes, so its torque is along its rotation vector,
+    which D' does not change.
     """
     if not mechanism.has_balls:
         return np.broadcast_to(np.diag(stiffness), (len(q), mechanism.nv, mechanism.nv))

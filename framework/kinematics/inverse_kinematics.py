@@ -1,4 +1,4 @@
-"""Inverse kinematics: Newton's method on the loops at prescribed platform coordinates.
+"""Inverse kinematics: Newton's method on the loops at prescribed platform coordinates; idle turns.
 
 At given x and deflections q_e, F(q) = [platform(q) - x ; closures(q)] = 0 determines all other coordinates.
 The Jacobian along these is square, and regular except at Type 1 singularities; Type 2 singularities do not
@@ -6,15 +6,28 @@ matter. If the motors are prescribed instead (`close_each` without x), closures(
 joints, except at Type 2. `assembly` closes the reference, where neither is prescribed. The simulation, an
 independent check, closes its start with its own code.
 
-None of these equations determines the spin of a rod between two balls. Planning holds the rate of this spin
-at zero about axes that move with the rod. The resulting angle depends on all earlier poses, Newton iterates
-included, so its last digits are not a smooth function of time. Before configurations are interpolated,
-`remove_idle_spin` turns the ball until its rotation vector from the start of the branch has no component
-along the axis. No force depends on this turn, because it moves no centre of mass.
+Idle turns are motions that these equations do not determine: a rod between two balls may turn about its own
+axis without moving a centre of mass. The turn rests if nothing acts on it. Damping in the balls drives it;
+without damping, armature in the balls does. With G the diagonal matrix of damping or armature, Z(q) the
+motion of the turn alone, and joint rates v and accelerations a,
+
+    Z' G v = 0        no damping torque along the turn, or no angular momentum of the armature
+    Z' G a = -dZ/dt' G v
+
+So the rates of the turn remain a function of the pose, linear in the rates of the platform, which motion laws
+need. Only balls with equal values about all three axes count, because their effect does not depend on the
+angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
+the rod's own inertia.
+
+The angle of an idle turn depends on all earlier poses, Newton iterates included, so its last digits are not a
+smooth function of time. Before configurations are interpolated, `remove_idle_spin` turns the ball until its
+rotation vector from the start of the branch has no component along the axis. No force depends on this angle.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,17 +35,19 @@ import numpy as np
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
-from framework.kinematics.idle_turns import turn_motions
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    LinearisedLoops,
+    linearised_at,
+    linearised_at_reference,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import ball_columns
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-MAX_ITERATIONS = 25
-SPIN_ROUNDING = 1e-15  # [rad] spin that counts as zero
-MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # number of Newton steps; [rad] largest turn in one step
+MAX_ITERATIONS = 25  # of Newton's method
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -53,7 +68,7 @@ def require_joints_close(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless n equals the mobility and n_a is at least as large."""
+    """Raise InvalidInput unless the mobility equals n and is at most n_a."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -66,9 +81,9 @@ def require_mobility(robot: ParallelRobot) -> None:
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
-    """Close all loops at platform coordinates x (T, n), from guesses (T, nq) near the solution.
+    """Close all loops at platform coordinates x (T, n), from `guess` (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guesses.
+    The elastic coordinates keep their values of the guess.
 
     Raises:
         NotAssembled: an instant does not close; carries its last iterate and residual.
@@ -76,9 +91,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
-    gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)  # (T,)
-    worst = np.argmax(np.where(closed, 0.0, gaps))
-    residual = float(np.abs(linearised.residual[worst]).max())
+    gaps = np.abs(linearised.residual).max(axis=1)  # (T,)
+    worst = np.argmax(np.where(closed, 0.0, gaps))  # the first NaN if there is one
+    residual = float(gaps[worst])
     raise NotAssembled(
         f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
         f"{residual:.3g} m or rad left after {MAX_ITERATIONS} iterations",
@@ -90,9 +105,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
 class NewtonResult(NamedTuple):
     """The result of Newton's method at T instants."""
 
-    q: Array  # (T, nq)
+    q: Array  # (T, nq) last iterates
     linearised: LinearisedLoops  # at q
-    closed: BoolArray  # (T,) whether the last step was small enough
+    closed: BoolArray  # (T,) whether the last step was below NEWTON_STEP
 
 
 def close_each(
@@ -102,7 +117,6 @@ def close_each(
     *,
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
-    last_step: float = NEWTON_STEP,
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
@@ -111,9 +125,9 @@ def close_each(
     are singular, or where a step is too large, is dropped as not `closed`, and the others go on.
 
     Args:
+        x: (T, n) platform coordinates, or None.
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
-        last_step: an instant counts as closed after a smaller step, with an error of about the step's square.
     """
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
@@ -122,13 +136,15 @@ def close_each(
     size = np.full(len(q), np.inf)  # largest entry of the last step of each live instant [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or size.max(initial=0.0) < last_step:
+        if iteration == iterations or size.max(initial=0.0) < NEWTON_STEP:
             break
+
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live = live[regular]
             size = np.full(len(live), np.inf)
             continue
+
         steps = steps / lengths
         size = np.abs(steps).max(axis=1, initial=0.0)
         is_near = size <= farthest
@@ -137,8 +153,9 @@ def close_each(
             break
         steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
+
     closed = np.zeros(len(q), dtype=bool)
-    closed[live] = size < last_step
+    closed[live] = size < NEWTON_STEP
     if len(live) < len(q):
         linearised = linearised_at(robot, q, x)
     return NewtonResult(q, linearised, closed)
@@ -147,10 +164,10 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (T, k), and which instants are regular (T,).
+    """Compute Newton's steps (T, k) of the k joints that move, and which instants are regular (T,).
 
-    The steps are those of the passive joints if `at_motors`, else of all moving joints. They are valid only
-    if all instants are regular.
+    The passive joints move if `at_motors`, else all moving joints do. The steps are valid only if all
+    instants are regular.
     """
     if at_motors:
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
@@ -159,7 +176,8 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        return residual, factors.slogdet[0] != 0
+        signs, _ = factors.slogdet
+        return residual, signs != 0  # the residual stands for steps that do not exist
     has_residual = np.asarray(np.isfinite(residual).all(axis=1))
     if not has_residual.all():  # a residual that is not finite spoils the steps of all others
         return steps, has_residual
@@ -167,10 +185,10 @@ def _newton_steps(
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
-    """Turn the k idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
+    """Turn the k idle balls of configurations q (T, nq) at x (T, n) until their spin is zero.
 
-    The spin is the idle component of the rotation vector from the origin. Newton's method for the angles of
-    the turns makes the spin zero; the loops are closed again after each step.
+    The spin is the idle component of the rotation vector from `origin` (nq,) to q. Newton's method on the
+    angles of the turns makes it zero; the loops are closed again after each step.
 
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
@@ -179,15 +197,97 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
     if not (len(q) and is_ball.any()):
         return q
     idle = robot.structure.idle[is_ball]  # (k,)
-    for _ in range(MAX_SPIN_STEPS):
+    for _ in range(MAX_ITERATIONS):
         spin = difference(robot, origin, q)[:, idle]  # (T, k)
-        if np.abs(spin).max() <= SPIN_ROUNDING:
+        if np.abs(spin).max() <= ROUNDING_STEP:
             break
         turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, is_ball]  # (T, nv, k)
         slope = difference_jacobian(robot, origin, q)[:, idle] @ turns  # (T, k, k) of spin along the turns
         angles = np.linalg.solve(slope, -spin[:, :, None])  # (T, k, 1)
         largest_angle = np.abs(angles).max(axis=1, keepdims=True)
-        angles /= np.maximum(largest_angle / MAX_SPIN_STEP, 1.0)
+        angles /= np.maximum(largest_angle / MAX_NEWTON_STEP, 1.0)
         turned = integrate(robot, q, (turns @ angles)[:, :, 0])
         q = close_loops(robot, x, turned).q
     return q
+
+
+@dataclass(frozen=True, eq=False)
+class IdleTurns:
+    """The k idle turns at T instants."""
+
+    motions: Array  # Z (T, nv, k): the motion of each turn alone
+    rows: Array  # Z' G (T, k, nv); for a turn at rest the unit row of its joint
+    weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
+
+    def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
+        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right`."""
+        residual = right - np.matvec(self.rows, rates)  # (..., T, k)
+        y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
+        return rates + np.matvec(self.motions, y)
+
+    def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
+        """Compute the time derivative (T, k, nv) of `rows` from `jacobian_rate`, that of dF/dq."""
+        rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
+        return rates.swapaxes(1, 2) * self.weights
+
+
+def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
+    """Return the idle turns at T instants; None if all idle joints rest."""
+    weights = _driving_weights(robot)
+    if not weights.any():
+        return None
+    motions = turn_motions(robot, linearised)
+    rows = motions.swapaxes(1, 2) * weights
+    for k in np.flatnonzero(~weights.any(axis=1)):
+        rows[:, k, robot.structure.idle[k]] = 1.0  # the turn rests
+    return IdleTurns(motions, rows, weights)
+
+
+def driven_turns(robot: ParallelRobot) -> IntArray:
+    """Return the idle columns whose turns damping or armature of balls drives."""
+    return robot.structure.idle[_driving_weights(robot).any(axis=1)]
+
+
+@lru_cache(maxsize=16)
+def _driving_weights(robot: ParallelRobot) -> Array:
+    """Return the diagonal of G for each idle turn, (k, nv).
+
+    It holds the damping of all balls if the turn moves a damped ball. Otherwise it holds their armature if
+    the turn moves a ball with armature, and zeros if not. The turn's motion is that at the reference.
+    """
+    weights = np.zeros((len(robot.structure.idle), robot.nv))
+    damping = _isotropic_ball_values(robot, robot.joint_damping)
+    armature = _isotropic_ball_values(robot, robot.model.armature)
+    if len(weights) and (damping.any() or armature.any()):
+        motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
+        for k, motion in enumerate(motions.T):
+            if np.any(damping * motion):  # the turn moves a damped ball
+                weights[k] = damping
+            elif np.any(armature * motion):
+                weights[k] = armature
+    return read_only(weights)
+
+
+def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
+    """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
+    balls = ball_columns(robot.model)  # (b, 3)
+    balls = balls[np.ptp(values[balls], axis=1) == 0.0]
+    isotropic = np.zeros(robot.nv)
+    isotropic[balls] = values[balls]
+    return isotropic
+
+
+def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute Z (T, nv, k): joint rates with closed loops at a unit rate of each idle joint."""
+    idle = robot.structure.idle
+    motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
+    motions[:, idle] = np.eye(len(idle))
+    return motions
+
+
+def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
+    """Compute motions (T, nv, k) of the moving joints that undo `gaps` (T, n + m, k) of F."""
+    closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
+    motions = np.zeros((len(gaps), robot.nv, len(closing)))
+    motions[:, robot.moving] = np.moveaxis(closing, 0, 2)
+    return motions

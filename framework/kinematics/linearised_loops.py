@@ -2,7 +2,12 @@
 
 F(q) = [platform(q) - x ; closures(q)] has n equations of the platform and m independent ones of the loops.
 Every matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) consists of rows and columns of
-dF/dq.
+J = dF/dq. P has the rows of the loops and the columns of the passive joints, and loses rank at Type 2
+singularities. The Type 1 matrix has all rows and the columns of actuated and passive joints.
+
+Functions from `scaled_loops` on return dimensionless matrices: rows (equations) and columns (joints) are in
+radians and lengths of the robot. So the singular values by which rank is judged do not depend on the unit of
+length.
 """
 
 from __future__ import annotations
@@ -14,27 +19,31 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
-from framework.kinematics.closures import LoopWrenches, loop_wrenches
-from framework.kinematics.frames import FrameStack, frames_at, move_wrench
+from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jacobian
+from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
+from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.numerics.banded_lu import Factors
-from framework.tolerances import FILE_ROUNDING
+from framework.numerics.ordered_sums import singular_values
+from framework.tolerances import FILE_ROUNDING, RANK_LOST
+
+CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedLoops:
     """F and its derivatives at T configurations, with m independent loop equations."""
 
-    equations: Equations
-    frames: FrameStack
+    equations: Equations  # what does not depend on the configuration
+    frames: FrameStack  # of the robot at these configurations
     loops: LoopWrenches  # all loop equations of the robot, redundant ones included
-    residual: Array  # (T, n + m) F
+    residual: Array  # (T, n + m) F [m or rad]
     wrenches: Array  # (T, n + m, 6) of platform and independent loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one configuration k (T = 1) or at several."""
+        """Return the equations at the configuration of index k (T = 1), or at several."""
         all_indices = np.arange(len(self.residual))
         which = np.atleast_1d(all_indices[k])
         if np.array_equal(which, all_indices):
@@ -90,11 +99,11 @@ class LinearisedLoops:
 
 @dataclass(frozen=True, eq=False)
 class ClosedStack:
-    """Configurations `q` (T, nq) at platform coordinates `x` (T, n), with their `linearised` equations."""
+    """T configurations with closed loops."""
 
-    q: Array
-    x: Array
-    linearised: LinearisedLoops
+    q: Array  # (T, nq)
+    x: Array  # (T, n) platform coordinates
+    linearised: LinearisedLoops  # at q and x
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
@@ -105,14 +114,17 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
     equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
+
     residual = np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(independent, axis=1)
-    wrenches = np.empty((*residual.shape, 6))
+
+    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, then about the base's origin
     wrenches[:, :n] = robot.platform.wrenches(frames)
     wrenches[:, n:] = loops.wrench.take(independent, axis=1)
     wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
+
     jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
     return LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
@@ -144,3 +156,101 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
             f"{linearised.gap[worst]:.3g} m or rad there; see `assemble`"
         )
     return ClosedStack(q, robot.platform.coordinates(linearised.frames), linearised)
+
+
+def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
+    return scale_jacobian(robot, linearised.closures, robot.loops.rotation)
+
+
+def moving_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Return the columns (T, m, moving) of `scaled_loops` along actuated and passive joints."""
+    return scaled_loops(robot, linearised)[:, :, robot.moving]
+
+
+def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the Jacobian (T, n, nv) of the platform's velocity v [rad, robot lengths]."""
+    return scale_jacobian(robot, linearised.platform, ~robot.translations)
+
+
+def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the Jacobian (T, m, nv) of the independent loops, rows scaled to unit size."""
+    return scaled_loops(robot, linearised) / robot.structure.row_sizes[:, None]
+
+
+def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute P (T, m, n_p), the dimensionless derivatives of the loops along passive joints."""
+    return linearised.closures[:, :, robot.following] * robot.passive_scale
+
+
+def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the least singular value (T,) of P: 0 at Type 2, infinite without passive joints."""
+    values = singular_values(passive_matrix(robot, linearised))
+    return values.min(axis=1, initial=np.inf)
+
+
+def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
+    """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
+
+    Usually there are none. The Cholesky factorisation of P'P - c^2 I proves this at a tenth of the cost of
+    singular values: it succeeds only if all singular values of P are above c.
+    """
+    P = passive_matrix(robot, linearised)
+    shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
+    try:
+        np.linalg.cholesky(shifted)
+    except np.linalg.LinAlgError:
+        return np.flatnonzero(clearance(robot, linearised) < RANK_LOST)
+    return np.empty(0, dtype=np.intp)
+
+
+def equation_sizes(robot: ParallelRobot) -> Array:
+    """Compute the characteristic size (n + m,) of each equation [m or rad], the platform's first."""
+    loops = robot.loop_lengths * robot.structure.row_sizes
+    return np.concatenate([robot.platform_scale, loops])
+
+
+def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the square matrix (T, n_p, n_p) that is singular at Type 2: P, or P'P with redundant motors.
+
+    With redundant motors P has more rows than columns and loses rank only at isolated poses, where det P'P
+    vanishes without changing sign.
+    """
+    P = passive_matrix(robot, linearised)
+    return P if P.shape[1] == P.shape[2] else P.swapaxes(1, 2) @ P
+
+
+def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the dimensionless Jacobian (T, n + m, n + m) of the inverse kinematics.
+
+    The rows are those of the platform, then of the loops; the columns are the actuated, then the passive
+    joints. The matrix is singular at Type 1 singularities and where the loop equations lose rank.
+    """
+    rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
+    return np.concatenate(rows, axis=1)[:, :, robot.moving]
+
+
+def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
+    """Return joint rates (..., nv) for dimensionless passive rates eta (..., n_p)."""
+    columns = robot.following
+    return full_motion(robot, columns, eta * robot.column_scale[columns])
+
+
+def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
+    """Count the singular values (T,) of the independent loops, with all joints moving, that vanish.
+
+    A singular value vanishes if it is below `level` times the largest one, or times 1 if this is more.
+    """
+    values = singular_values(moving_loops(robot, linearised))
+    largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
+    return np.sum(values < level * largest[:, None], axis=1)
+
+
+def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute rates (k, f) of the k `moving` joints in f motions that the loops allow (T = 1).
+
+    The motions are orthonormal in radians and robot lengths; the rates are in rad and m. f is the number of
+    degrees of freedom, and larger where the loop equations lose rank.
+    """
+    allowed = null_directions(moving_loops(robot, linearised)[0])  # (f, k)
+    return (allowed * robot.column_scale[robot.moving]).T

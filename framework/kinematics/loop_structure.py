@@ -1,28 +1,42 @@
-"""Independent loop equations and idle joints of a mechanism, determined once at its assembled reference.
+"""Which loop equations are redundant and which joints are idle, determined once at the assembled reference.
 
 The loop equations of a planar robot described in 3D are redundant: those out of its plane follow from the
 others in every pose. A rank-revealing QR finds redundant rows. If the rank drops only at isolated poses,
 these are singularities (see `singularity`). So a reference with a lower rank than nearby poses is refused:
 the structure found there would not hold at any other pose.
+
+Overconstrained mechanisms with rounded dimensions: with exact dimensions some of their loop equations are
+redundant. With dimensions of seven digits these equations contradict the others by about 1e-7, and no pose
+satisfies all of them. So only equations that are independent beyond rounding are solved, exactly. The
+residual of the other equations, `Mechanism.rounded`, is measured along each motion and reported in its
+certificate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.errors import SingularReference
-from framework.kinematics.assembly import all_loops_matrix
-from framework.kinematics.closures import scale_jacobian
+from framework.errors import NotAssembled, SingularReference
+from framework.kinematics.assembly import (
+    Closing,
+    all_loops_matrix,
+    close_reference,
+    joint_loops_matrix,
+    largest_gap,
+    nearby_configurations,
+)
+from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import frames_at
-from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.kinematics.platform import PlatformCoordinates
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values, split_row_space
-from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
+from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
 
+ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 ODD_SIZE = 0.02  # rows are scaled to unit size if the largest entry is below this or above its inverse
 
 
@@ -38,11 +52,11 @@ class LoopStructure(ReadOnlyArrays):
 
     @staticmethod
     def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Determine the structure from `motion_matrix` at the reference and at poses nearby.
+        """Determine the structure from the matrices of `motion_matrix`.
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
-            matrices: (n + rows, nv) each, that of the reference first.
+            matrices: (n + rows, nv) at the reference, then at each nearby pose.
         """
         loops = matrices[0][-len(mechanism.rows.names) :]
         independent = independent_rows(loops[:, mechanism.joints])
@@ -63,7 +77,7 @@ def refuse_singular_reference(
     """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
     Two ranks are compared: that of the loops along all joints, and that of platform and loops along the
-    passive joints. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
+    `passive` columns. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
     """
     reference, *others = matrices
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
@@ -80,8 +94,8 @@ def refuse_singular_reference(
 
 
 def independent_rows(matrix: Array) -> IntArray:
-    """Return the ascending indices of rows that form a basis of the row space."""
-    return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
+    """Return the ascending indices of rows of a matrix that form a basis of its row space."""
+    return choose_rows(matrix, numerical_rank(matrix))
 
 
 def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
@@ -90,7 +104,7 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
     Only its springs would close a closure with such an equation, which planning refuses.
 
     Args:
-        independent: rows that are independent along the joints.
+        independent: indices of the rows that are independent along the joints.
         matrices: those of `motion_matrix` at several poses; their last rows are the loops.
     """
     if not mechanism.n_e:
@@ -104,7 +118,7 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
 
 
 def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find one passive joint for each motion that moves neither platform nor loops.
+    """Find one of the `passive` columns (n_p,) for each motion that moves neither platform nor loops.
 
     An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
     along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
@@ -113,7 +127,7 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
     if not len(passive):
         return passive
     motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
-    return np.sort(passive[pivot_rows(motions.T)[: len(motions)]])
+    return passive[choose_rows(motions.T, len(motions))]
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -133,13 +147,13 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
     independent = pivot_rows(at_reference)[:rank_at_reference]
-    span = np.linalg.qr(nearby[independent].T)[0]  # (columns, rank_at_reference) orthonormal
+    span, _ = np.linalg.qr(nearby[independent].T)  # (columns, rank_at_reference) orthonormal
     outside = nearby - nearby @ span @ span.T  # components of all rows orthogonal to the span
-    return np.sort(pivot_rows(outside)[: rank - rank_at_reference])
+    return choose_rows(outside, rank - rank_at_reference)
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
-    """Count the singular values above `level` times the largest."""
+    """Count the singular values of a matrix above `level` times the largest."""
     values = singular_values(matrix)
     return int(np.sum(values > level * values.max(initial=0.0)))
 
@@ -154,8 +168,16 @@ def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
     return split_row_space(matrix, level, scale=(1.0, np.inf), at_least=at_least)[1]
 
 
+def choose_rows(matrix: Array, count: int) -> IntArray:
+    """Choose `count` rows of a matrix that are as independent as possible; return ascending indices."""
+    return np.sort(pivot_rows(matrix)[:count])
+
+
 def pivot_rows(matrix: Array) -> IntArray:
-    """Order the rows of a matrix: each is the farthest from the span of its predecessors."""
+    """Order the rows of a matrix (m, k): each is the farthest from the span of its predecessors.
+
+    This is a Gram-Schmidt process with pivoting; the result has the indices of all m rows.
+    """
     outside = matrix.copy()  # components of all rows orthogonal to the rows chosen so far
     order = np.arange(len(matrix))
     for chosen in range(min(matrix.shape)):
@@ -168,10 +190,66 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest entry (m,) of each equation (m, columns), or 1 if near 1.
+    """Return the largest |entry| (m,) of each row of `loops` (m, columns), or 1 if between 0.02 and 50.
 
     Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
     return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)
+
+
+def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
+    """Close the loops at the reference, without rows that are redundant except for rounding.
+
+    A mechanism may also close to the last digit in the pose in which it was drawn, where its rounding then
+    locks it. So rows are also excluded if they are redundant except for rounding at nearby poses.
+
+    Returns:
+        The mechanism whose `rows` close exactly, and its closed pose.
+
+    Raises:
+        NotAssembled: the loops do not close, for another reason than rounding; see `close_reference`.
+    """
+    try:
+        closing = close_reference(mechanism)
+    except NotAssembled as failure:
+        reduced = _exclude_rounded_rows(mechanism, failure.q)
+        if reduced is None:
+            raise
+        return reduced, close_reference(reduced)
+    # the size at the closed pose scales the rows, because the size at the file's reference may be far off
+    sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
+    matrix = joint_loops_matrix(sized, closing.q)
+    if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
+        reduced = _exclude_rounded_rows(sized, closing.q)
+        if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
+            return replace(reduced, length=mechanism.length), closing
+    return mechanism, closing
+
+
+def rounded_gap(mechanism: Mechanism, q: Array) -> float:
+    """Compute the largest residual of the rounded rows over configurations q (T, nq) [m or rad]."""
+    if not mechanism.rounded.names:
+        return 0.0
+    return float(np.abs(loop_equations(mechanism.rounded, frames_at(mechanism, q)).residual).max())
+
+
+def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
+    """Move rows that are redundant except for rounding at q (nq,) to `rounded`; None without any."""
+    rows = mechanism.rows
+    matrix = joint_loops_matrix(mechanism, q)
+    rank = numerical_rank(matrix, ROUNDED_ROW)
+    if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
+        return None
+    order = pivot_rows(matrix)
+    independent, others = np.sort(order[:rank]), np.sort(order[rank:])
+    return replace(mechanism, rows=rows.take(independent), rounded=rows.take(others))
+
+
+def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
+    """Return whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
+    poses = nearby_configurations(reduced, q)
+    ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
+    gaps = [largest_gap(mechanism, pose) for pose in poses]
+    return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING

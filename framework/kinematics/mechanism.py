@@ -1,7 +1,7 @@
 """A mechanism for pinocchio: the open tree with its springs, and the equations of its loops.
 
 The loops need not close. `check`, the search for a closed pose and the construction of a `ParallelRobot`
-start from a mechanism.
+start from a mechanism. A column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations
@@ -42,23 +42,22 @@ MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
 
-    `elastic` (n_e,) indexes pinocchio's velocity vector, in the order of the robot file. A mechanism does not
-    change after construction; `dataclasses.replace` makes another one.
+    A mechanism does not change after construction; `dataclasses.replace` makes another one.
     """
 
-    description: RobotDescription
+    description: RobotDescription  # content of the robot file
     flexibility: str  # the least flexibility that has these springs
-    model: pin.Model
-    elastic: IntArray
+    model: pin.Model  # the open tree
+    elastic: IntArray  # (n_e,) columns of the springs' own joints, in the order of the robot file
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
     joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
     joint_rest: Array  # (nv,) positions at which these springs exert no torque
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
-    elastic_names: Names  # (n_e,)
+    elastic_names: Names  # (n_e,) of the springs' own joints
     frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
     rows: LoopRows  # all loop equations, redundant ones included
-    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `rounded_loops`
+    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `loop_structure`
     directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
     limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
     q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close
@@ -134,7 +133,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def has_balls(self) -> bool:
-        """Whether a joint has a quaternion, which makes q longer than the velocity vector."""
+        """Whether a joint is a ball, whose quaternion makes q longer than the velocity vector."""
         return self.model.nq > self.model.nv
 
     @cached_property
@@ -212,7 +211,7 @@ class Mechanism(ReadOnlyArrays):
         return Coordinates(self.model)
 
     def unit_of(self, column: int) -> str:
-        """Return the unit of one coordinate: m or rad."""
+        """Return the unit of the coordinate of a column: m or rad."""
         return "m" if self.sliding[column] else "rad"
 
     def reference_values(self, q: Array) -> dict[str, float]:
@@ -226,24 +225,24 @@ class Mechanism(ReadOnlyArrays):
 
 
 def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the columns (k,) of k joints by name."""
+    """Return the columns (k,) of the coordinates named `joints`."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
 
 def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
-    """Build the mechanism at a flexibility: model with springs, loop equations and joint parameters."""
+    """Build a mechanism from a parsed file, with the springs of one flexibility."""
     description = parsed.description
     springs = description.active_springs(flexibility)
     model = _build_tree_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
     def joint_parameter(key: str) -> Array:
-        """Return one parameter (nv,) of the joints' springs, damping or friction."""
+        """Return the parameter `key` of `JointDynamics` on each column, (nv,)."""
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
-    reference = file_axes(model).T @ _joint_vector(model, description.reference)
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)  # (nv,)
     q_near = pin.integrate(model, pin.neutral(model), reference)
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
@@ -277,7 +276,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Build pinocchio's model of a robot's tree with a joint for each spring.
+    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`.
 
     Raises:
         RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
@@ -312,7 +311,7 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its joints as indices into v (`columns`) and q (`places`)."""
+    """Return a coupling with its two joints as indices into the velocity vector and into q."""
     follower = model.joints[model.getJointId(coupling.joint)]
     leader = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
@@ -354,10 +353,9 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     moving = {k for k, frame in enumerate(model.frames) if frame.parentJoint > 0}
     placements = [*data.oMi[1:], *(data.oMf[k] for k in moving.union(frames))]
     points = np.array([placement.translation for placement in placements])  # (k, 3)
-    distances = np.linalg.norm(points[:, None] - points, axis=2)  # (k, k)
-    gyration = [0.0]  # radii of moving bodies
+    size = np.linalg.norm(points[:, None] - points, axis=2).max()
     for body in model.inertias[1:]:
         if body.mass > 0.0:
-            square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
-            gyration.append(np.sqrt(square))
-    return float(max(distances.max(), *gyration)) or 1.0
+            gyration_square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
+            size = max(size, np.sqrt(gyration_square))
+    return float(size) or 1.0

@@ -33,8 +33,8 @@ def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str
 def longest_reach(robot: Mechanism) -> float:
     """Compute the summed length [m] of the links from base to platform.
 
-    Slides are at the far end of their range, springs at rest. The length is infinite if a joint is a free,
-    planar or translational one, which moves without bound.
+    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
+    floating joint, makes the length practically infinite.
     """
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
@@ -45,8 +45,6 @@ def longest_reach(robot: Mechanism) -> float:
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             reach += float(np.abs(ends).max())
-        elif joint.shortname().startswith(("JointModelFree", "JointModelPlanar", "JointModelTranslation")):
-            return np.inf
     return reach
 
 
@@ -68,35 +66,36 @@ def remark_on_reach(robot: Mechanism, position: Array) -> str:
 def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
     """Yield remarks on bodies whose sizes, masses or inertias suggest another unit."""
     bodies = moving_bodies(robot)
-    masses = {name: body.mass for name, body in bodies.items()}
-    longest = max((body.size for body in bodies.values()), default=1.0)
-    if longest and not SMALL_LINK < longest < LARGE_LINK:  # zero if only slides move
+    longest = max((body.size for body in bodies.values()), default=1.0)  # 0 if only slides move
+    if longest and not SMALL_LINK < longest < LARGE_LINK:
         yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
-        if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
+        assumed_size = max(body.size, SMALL_PART_RATIO * longest)
+        if longest and body.gyration > GYRATION_RATIO * assumed_size:
             yield (
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
-    heaviest = max(masses.values(), default=0.0)
+
+    heaviest = max((body.mass for body in bodies.values()), default=0.0)
     if heaviest == 0.0:
         yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
-    for name, mass in masses.items():
-        if 0 < mass < LIGHT_PART_RATIO * heaviest:
+    for name, body in bodies.items():
+        if 0 < body.mass < LIGHT_PART_RATIO * heaviest:
             yield (
-                f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
-                f"wrong unit? Leave <inertial> out for a massless part"
+                f"what {name} carries weighs {body.mass:g} kg, a millionth of the heaviest part: is it in "
+                f"the wrong unit? Leave <inertial> out for a massless part"
             )
     if heaviest > HEAVY_PART:
         yield (f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
 
 
 class _Body(NamedTuple):
-    """The body that a joint moves: mass [kg], radius of gyration [m] and size [m]."""
+    """The body that a joint moves."""
 
-    mass: float
-    gyration: float
-    size: float
+    mass: float  # [kg]
+    gyration: float  # [m] largest radius of gyration about the centre of mass
+    size: float  # [m] largest distance of its frames and its centre of mass from the joint
 
 
 def moving_bodies(robot: Mechanism) -> dict[str, _Body]:
@@ -107,8 +106,8 @@ def moving_bodies(robot: Mechanism) -> dict[str, _Body]:
     bodies = {}
     for j in range(1, model.njoints):
         inertia = model.inertias[j]
-        largest = max(np.linalg.eigvalsh(inertia.inertia)[-1], 0.0)
-        gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
+        largest_moment = max(np.linalg.eigvalsh(inertia.inertia)[-1], 0.0)
+        gyration = np.sqrt(largest_moment / inertia.mass) if inertia.mass > 0.0 else 0.0
         placements = [frame.placement for frame in model.frames if frame.parentJoint == j]
         placements += [model.jointPlacements[child] for child in model.children[j]]
         points = [inertia.lever, *(placement.translation for placement in placements)]

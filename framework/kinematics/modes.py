@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import scaled_loops, scaled_platform, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
@@ -29,7 +28,9 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
     The first is the sign of det [dF/dq], which changes at Type 1 singularities. The second is the sign of det
     P, which changes at Type 2 singularities; it is 1 for robots with redundant motors.
     """
-    return linearised.factors.slogdet[0], passive_determinants(linearised)[0]
+    working_sign, _ = linearised.factors.slogdet
+    assembly_sign, _ = passive_determinants(linearised)
+    return working_sign, assembly_sign
 
 
 def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
@@ -46,8 +47,9 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
     """Return whether determinants keep their signs from `start` to `end`, (T,).
 
-    `start` and `end` have the signs (T,) and the logarithms of the absolute values (T,). A determinant at the
-    end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no sign.
+    `start` and `end` each have the signs (T,) of the determinants, then the logarithms (T,) of their sizes. A
+    determinant at the end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no
+    sign.
     """
     start_sign, start_logarithm = start
     end_sign, end_logarithm = end
@@ -65,7 +67,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
     the motions that the loops allow, continued from one configuration to the next. Then det (platform N)
     changes sign at Type 1 singularities only. A configuration whose loops have lost rank belongs to no mode.
     """
-    least = singular_values(scaled_loops(robot, ends)[:, :, robot.moving]).min(axis=1, initial=np.inf)
+    least = singular_values(moving_loops(robot, ends)).min(axis=1, initial=np.inf)
     has_rank = least >= RANK_LOST
     determinants = np.concatenate([start.factors.slogdet, ends.factors.slogdet], axis=1)  # (2, 1 + T)
     keeps = has_rank & keeps_sign(determinants[:, :-1], determinants[:, 1:])
@@ -76,7 +78,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
 
 
 def _keeps_platform_map(robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops) -> bool:
-    """Return whether det (platform N) keeps its sign between close configurations (T = 1 each).
+    """Return whether det (platform N) keeps its sign from `start` to `end`, close configurations (T = 1).
 
     N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
     tells whether the two bases have the same orientation.
@@ -95,8 +97,8 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
     The matrix platform N maps amplitudes of these motions to twists. Its determinant vanishes where the loops
     allow a motion with the platform at rest; its sign depends on the orientation of N.
     """
-    loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
-    basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops
+    loops = moving_loops(robot, linearised)[0]  # (m, moving)
+    basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops, which have full rank
     platform = scaled_platform(robot, linearised)[0][:, robot.moving]
     return basis, float(np.linalg.det(platform @ basis))
 
@@ -107,8 +109,8 @@ class Leg(ReadOnlyArrays):
 
     motors: Names  # names of its actuators; empty for joints that only follow
     rows: IntArray  # (k,) indices of its equations in F
-    columns: IntArray  # (k,) indices into the `moving` columns: actuated, then passive
-    needed: IntArray  # (j,) indices into the `moving` columns, of the legs that have to be solved earlier
+    columns: IntArray  # (k,) its joints, as indices into the `moving` columns: actuated, then passive
+    needed: IntArray  # (j,) joints of the legs that have to be solved earlier, as indices like `columns`
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
@@ -126,6 +128,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     matched = pattern[row_of]  # rows permuted so that the diagonal is full
     # the irreducible blocks are the strongly connected components of the columns' graph
     count, label = connected_components(matched, directed=True, connection="strong")  # (columns,) leg of each
+
     needs = _leg_dependencies(count, label, *matched.nonzero())
     all_legs = []
     for k in range(count):
@@ -143,8 +146,10 @@ def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: 
     A leg also needs itself.
 
     Args:
+        count: number of legs.
         label: (columns,) leg of each column.
-        column: (E,) columns whose matched equations contain the columns `contained` (E,).
+        column: (E,) column that is solved with an equation, for each of the E entries of the equations.
+        contained: (E,) column of this entry, on which the equation depends.
     """
     needs = np.eye(count, dtype=bool)
     needs[label[column], label[contained]] = True

@@ -1,28 +1,48 @@
-"""Velocities and accelerations of all joints from those of the platform; time derivatives of dF/dq.
+"""Velocities and accelerations of all joints from those of the platform, and their exact derivatives.
 
 At prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. One
 factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says.
 
-An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
-screw S of a joint, both about the base's origin. So the rates of W and S give the rate of dF/dq.
+An entry of J = dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
+screw S of a joint, both about the base's origin. So the rates of W and S give the rates of J.
+
+Derivatives of a motion (`coordinate_changes`) are taken along coordinates y of the closed robot: those of the
+platform, and positions of joints that the platform does not determine. Let Y = dq/dy be the motions that keep
+the loops closed. A change dy changes a motion q(t) by Y dy, and its rates and accelerations by the time
+derivatives of Y dy. With primes for time derivatives,
+
+    J Y = E,        J Y' = E' - J' Y,        J Y" = E" - 2 J' Y' - J" Y,
+
+where E has the platform's twists for unit rates (`unit_twists`). Like the motion itself, the derivatives are
+regular at Type 2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import NotAssembled
+from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.closures import closure_drift, wrench_changes
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import bracket, tree_columns
-from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at, move_with_bodies
-from framework.kinematics.idle_turns import idle_turns
+from framework.kinematics.frames import (
+    FrameMotions,
+    body_twists,
+    bracket,
+    frame_motions,
+    frames_at,
+    move_with_bodies,
+    tree_columns,
+)
+from framework.kinematics.inverse_kinematics import driven_turns, idle_turns
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import matvec
+from framework.kinematics.platform import CoordinateRates
+from framework.kinematics.tree_model import ball_columns
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import cross, matvec
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +52,7 @@ class Motion:
     q: Array  # (T, nq)
     v: Array  # (T, nv)
     a: Array  # (T, nv)
-    linearised: LinearisedLoops
+    linearised: LinearisedLoops  # at q
     wrenches: tuple[AppliedWrench, ...] = ()  # external ones
 
     def with_wrenches(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
@@ -43,9 +63,12 @@ class Motion:
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv) for platform velocities (..., T, n).
+    """Compute joint rates (..., T, nv) at platform velocities `platform` (..., T, n), idle turns at rest.
 
     The rates of the deflections are `elastic` (T, n_e), or zero if None.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant.
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : robot.n] = platform
@@ -58,7 +81,8 @@ def solve_rates(
     """Solve J_moving v_moving = right - J_elastic v_elastic for joint rates (..., T, nv), J = dF/dq.
 
     Args:
-        elastic: rates (..., T, n_e) of the springs' joints; zero if None.
+        right: (..., T, n + m) rates of the equations.
+        elastic: (..., T, n_e) rates of the springs' joints; zero if None.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
@@ -72,7 +96,7 @@ def solve_rates(
 
 
 def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
-    """Solve J_moving v_moving = right (..., T, n + m) for the rates of moving joints, J = dF/dq.
+    """Solve J_moving v_moving = right (..., T, n + m) for rates (..., T, moving), J = dF/dq.
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
@@ -96,12 +120,15 @@ def motion_at(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
+    """Compute the motion of all joints at the poses `closed` and platform rates dx, ddx (T, n).
+
+    The deflections have the rates dq_e and accelerations ddq_e (T, n_e); zero if None.
+    """
     return _motion_of_twist(robot, closed.linearised, robot.platform.twist(closed.x, dx, ddx), dq_e, ddq_e)
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion with the same platform as q (T, nq), v, a (T, nv), deflections constant."""
+    """Compute the motion with constant deflections and the platform's motion of q (T, nq), v, a (T, nv)."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     return _motion_of_twist(robot, linearised, platform_twists(robot, Motion(q, v, a, linearised)))
@@ -121,12 +148,12 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e).
+    """Compute the motion of all joints at a twist (v, dv/dt) of the platform and deflection rates (T, n_e).
 
-    Rates solve J v = (twist, 0). Accelerations solve J a = (dv/dt, 0) - J' v, with the drift J' v of platform
-    and loops. Idle turns, which these equations do not determine, are added to both.
+    Joint rates solve J dq = (v, 0). Accelerations solve J ddq = (dv/dt, 0) - J' dq, with the drift J' dq of
+    platform and loops. Idle turns, which these equations do not determine, are added to both.
     """
-    velocity, acceleration = twist
+    velocity, acceleration = twist  # (T, n) each
     v = joint_rates(robot, linearised, velocity, dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:
@@ -154,12 +181,15 @@ def jacobian_rates(
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
     motions = move_with_bodies(robot, frames, twists)
     V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each
+
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
     dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
-    S, dS, ddS = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
-    first = dW @ S + linearised.wrenches @ dS
-    second = ddW @ S + 2.0 * dW @ dS + linearised.wrenches @ ddS
+
+    # S, S' and S" with one screw a column
+    S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
+    first = dW @ S_0 + linearised.wrenches @ S_1
+    second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     return first * robot.equations.signs, second * robot.equations.signs
 
 
@@ -176,3 +206,91 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.stack([first, second])
     return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)
+
+
+class MotionChanges(NamedTuple):
+    """Changes of a motion q, v, a by unit steps of k coordinates.
+
+    A unit step of a rate changes v by the field `q`, and a by `a_by_rates`. A unit step of an acceleration
+    changes a by the field `q`.
+    """
+
+    q: Array  # (T, k, nv) change of q by a unit step of a position
+    v: Array  # (T, k, nv) change of v by the same step
+    a: Array  # (T, k, nv) change of a by the same step
+    a_by_rates: Array  # (T, k, nv) change of a by a unit step of a rate
+
+    @property
+    def accelerations(self) -> Array:
+        """Changes (3, T, k, nv) of a by unit steps of positions, rates and accelerations."""
+        return np.stack([self.a, self.a_by_rates, self.q])
+
+
+def coordinate_changes(
+    robot: ParallelRobot, motion: Motion, columns: IntArray, x: CoordinateRates | None = None
+) -> MotionChanges:
+    """Compute the changes of a motion by unit steps of k coordinates, as in the header.
+
+    First come the coordinates of the platform, unless x is None, then the joints `columns`. Let dq and dv be
+    the changes by a step of a position. A step of a rate changes a by 2 dv - [v, dq]. The Lie bracket [v, dq]
+    of the motions is zero except for balls, whose rates are not derivatives of coordinates. The part of
+    changes along `columns` is removed, because the rates and accelerations of these joints are coordinates
+    with steps of their own.
+
+    Args:
+        columns: joints that are coordinates, as indices into the velocity vector.
+        x: platform coordinates x and their rates dx, ddx, (T, n) each.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant.
+    """
+    n = 0 if x is None else robot.n
+    size = n + len(columns)  # k
+    J = motion.linearised.jacobian  # (T, n + m, nv)
+
+    # J Y = E; Y, E and their derivatives are stored with the coordinates as rows
+    right = np.zeros((3, len(J), size, J.shape[1]))  # E of all coordinates and two time derivatives
+    if x is not None:
+        right[:, :, :n, :n] = robot.platform.unit_twists(x)
+    right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)
+    dq = _solve_moving(robot, motion, right[0])  # Y
+    dq[:, range(n, size), columns] = 1.0
+
+    def rest_columns(change: Array) -> Array:
+        """Add closed motions to a `change` (T, k, nv) of rates so that `columns` are at rest."""
+        return change - change[..., columns] @ dq[:, n:]
+
+    rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
+    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
+
+    # J Y' = E' - J' Y, and J Y" = E" - 2 J' Y' - J" Y
+    bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
+    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + bracket)
+    rate = dv - bracket  # Y'
+    da = _solve_moving(robot, motion, right[2] - 2.0 * rate @ dJ - dq @ ddJ)
+    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, rate)
+    return MotionChanges(dq, dv, rest_columns(da), 2.0 * dv - rest_columns(bracket))
+
+
+def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
+    """Solve J rates = right (T, k, n + m) for rates (T, k, nv) of the moving joints."""
+    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
+
+
+def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
+    """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
+    bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
+    if len(balls):
+        bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
+    return bracket
+
+
+def require_turns_at_rest(robot: ParallelRobot) -> None:
+    """Raise InvalidInput if damping or armature of balls drives an idle turn."""
+    turns = driven_turns(robot)
+    if len(turns):
+        names = ", ".join(robot.coordinates.name_of(column) for column in turns)
+        raise InvalidInput(
+            f"{robot.name}: the damping or the armature of balls drives the idle turns {names}; "
+            f"they are taken for turns at rest here: leave damping and armature of these balls out"
+        )

@@ -1,7 +1,7 @@
 """A parallel robot: an assembled mechanism with platform, motors and a known loop structure.
 
 The module also has the table of the robot's equations and the sparsity pattern of their Jacobian. Neither
-depends on q.
+depends on q. A column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations
@@ -15,12 +15,15 @@ import numpy as np
 
 from framework.errors import expect, point
 from framework.kinematics.assembly import Configuration, nearby_configurations
-from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import LoopStructure, motion_matrix, refuse_singular_reference
+from framework.kinematics.frames import frames_at, scratch_of
+from framework.kinematics.loop_structure import (
+    LoopStructure,
+    assemble_mechanism,
+    motion_matrix,
+    refuse_singular_reference,
+)
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
-from framework.kinematics.rounded_loops import assemble_mechanism
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
@@ -30,19 +33,18 @@ from framework.numerics.banded_lu import Band, Factors
 class ParallelRobot(Mechanism):
     """An assembled mechanism with a platform and motors.
 
-    A robot consists of the mechanism (tree, springs, loops); the indices of its actuated (n_a), elastic (n_e)
-    and passive (n_p) coordinates in pinocchio's velocity vector, the first two in the order of the robot
-    file; the platform's coordinates x; the assembled `reference`; and the `structure` of the loops at the
-    reference. Everything else is derived from these. q_a is on the joint side of the gears: a motor angle is
-    gear_ratio * q_a.
+    A robot has its mechanism (tree, springs, loops), the platform's coordinates x, the columns of its
+    actuated, elastic and passive joints in pinocchio's velocity vector, the assembled `reference`, and the
+    `structure` of the loops at the reference. Everything else is derived from these. q_a is on the joint side
+    of the gears: a motor angle is gear_ratio * q_a.
 
     `dataclasses.replace` keeps reference and structure. Use it to change masses, springs and motors, or to
     change lengths slightly. After larger changes `ParallelRobot.of` determines reference and structure again.
     """
 
     platform: PlatformCoordinates
-    actuated: IntArray  # (n_a,)
-    passive: IntArray  # (n_p,)
+    actuated: IntArray  # (n_a,) columns of the motors' joints, in the order of the robot file
+    passive: IntArray  # columns of the joints without motor or spring, idle ones included
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
     reference: Configuration  # assembled; decides the working mode and the assembly mode
@@ -110,12 +112,12 @@ class ParallelRobot(Mechanism):
 
     @property
     def moving(self) -> IntArray:
-        """Columns of the joints that x and q_e determine: actuated, then passive without idle ones."""
+        """Columns (k,) of the joints that x and q_e determine: actuated, then passive without idle ones."""
         return self.equations.columns
 
     @cached_property
     def following(self) -> IntArray:
-        """Columns of the passive joints without the idle ones."""
+        """Columns (n_p,) of the passive joints without the idle ones."""
         return read_only(self.moving[self.n_a :])
 
     @property
@@ -205,7 +207,7 @@ class Equations(ReadOnlyArrays):
     """The n + m equations F = [platform - x ; closures], with the sparsity pattern of dF/dq."""
 
     loops: LoopRows  # the m independent ones
-    bodies: IntArray  # (n + m,) index of the frame at whose origin the wrench of each equation acts
+    bodies: IntArray  # (n + m,) frame at whose origin each equation's wrench acts, index into `frames`
     n: int  # number of the platform's equations, which come first
     signs: Array  # (n + m, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
     couplings: Array  # (n + m, nv) derivatives of the couplings between joints; 0 in other rows
@@ -218,7 +220,7 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Return the table for the moving `columns`, of which the first n_a have motors."""
+        """Make the table for `loops` and the moving `columns` (k,), of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
@@ -247,14 +249,14 @@ class Equations(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class SquarePart(ReadOnlyArrays):
-    """A square part of sparse matrices: its E nonzero entries, and their order in a band matrix."""
+    """A square part (k, k) of sparse matrices, with E entries that can differ from zero."""
 
-    entries: IntArray  # (E,) indices into the flattened whole matrix
-    band: Band
+    entries: IntArray  # (E,) indices of these entries into the flattened whole matrix
+    band: Band  # order of the entries in a band matrix
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the part of a pattern in k rows and k columns; None if not square or empty."""
+        """Return the part of a pattern in `rows` and `columns`; None if not square or empty."""
         if not len(rows) == len(columns) > 0:
             return None
         i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the square part
@@ -262,7 +264,7 @@ class SquarePart(ReadOnlyArrays):
         return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:
-        """Compute the LU factors of this part (T, k, k) of matrices (T, r, c)."""
+        """Compute the LU factors of this part (T, k, k) of whole matrices (T, r, c)."""
         count, rows, columns = matrices.shape
         values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E)
         return self.band.factor(values)

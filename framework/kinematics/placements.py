@@ -1,4 +1,4 @@
-"""Placements and velocities of a robot's joints and frames along a motion, for drawing."""
+"""Placements and velocities of a robot's joints and frames at F configurations, for drawing."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.frame_variations import tree_columns
-from framework.kinematics.frames import frames_at
+from framework.kinematics.frames import frames_at, tree_columns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.platform import frame_wrench
 from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -35,18 +34,19 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
 
 
 def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute the origin (F, 3) of the platform's frame for poses of `joint_poses`."""
+    """Compute the origin (F, 3) [m] of the platform's frame at `poses` of `joint_poses`."""
     return frame_origins(robot, poses, robot.frames[0])
 
 
 def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Compute twists (F, 6) of the platform's frame, base axes, for velocities v (F, n) at q (F, nq)."""
+    """Compute twists (F, 6) of the platform's frame, base axes, for v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
-    """Compute wrenches (F, 6) at the platform's origin, base axes, for components W (F, n) at q (F, nq)."""
-    return frame_wrench(robot.platform, frames_at(robot, q), W)
+    """Compute wrenches (F, 6) at the platform's origin, base axes, for W (F, n) at q (F, nq)."""
+    units = np.broadcast_to(robot.platform.wrenches(frames_at(robot, q)), (len(W), robot.n, 6))
+    return matvec(units.swapaxes(1, 2), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
@@ -73,7 +73,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """Rotate vectors u (3,) or (F, 3) by unit quaternions (x, y, z, w) (F, 4).
+    """Rotate vectors u (3,) or (F, 3) by unit quaternions (F, 4), each (x, y, z, w).
 
     With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """
@@ -96,7 +96,7 @@ class JointAxis(NamedTuple):
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a column in the frame of the parent joint."""
+    """Return the axis of a column in the frame of the joint that carries its joint."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
@@ -114,7 +114,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
     linear, angular = jacobian[:, column].reshape(2, 3)
     axis = linear if robot.sliding[column] else angular
-    return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
+    return JointAxis(joint, place=np.zeros(3), axis=axis / np.linalg.norm(axis))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
@@ -123,7 +123,7 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
     All hinges of a planar robot are parallel to the normal, all slides are perpendicular to it.
     """
     screws = frames_at(robot, robot.reference.q[None]).screws[0]  # (nv, 6)
-    turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # 1 for hinges, 0 for slides
+    turning = screws[:, 3:].any(axis=1)  # slides have no angular velocity
     if not turning.any():
         return None
     hinges, slides = screws[turning, 3:], screws[~turning, :3]  # unit axes

@@ -1,4 +1,4 @@
-"""The platform's coordinates x, its velocity v, and the relation v = E(x) dx between them.
+"""The platform's coordinates x, its velocity v, and the relation v = E(x) dx/dt between them.
 
 The components of v (n,) are the powers of n unit wrenches on the motion of the mechanism. All other
 quantities refer to v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So
@@ -9,7 +9,9 @@ the unit wrenches and E(x) define a platform:
     joints of the tree      their positions [rad, m]: the couple about the joint's axis, or the force along
                             it, which has power on that joint only; v = dx
 
-With translations and none or three turns, v is (linear, angular) of the frame at its origin on base axes.
+dx and ddx are the time derivatives of x. Second derivatives of E and of the couples are complex steps of
+their analytic first derivatives. With translations and none or three turns, v is (linear, angular) of the
+frame at its origin on base axes.
 """
 
 from __future__ import annotations
@@ -38,10 +40,9 @@ class _Coordinates(ReadOnlyArrays):
     """Platform coordinates x (n,) with v = dx; the common part of both kinds."""
 
     translations: BoolArray  # (n,) mask of coordinates in m; the others are turns [rad]
-    # indices into x of the translations of the frame's origin, and the base axis 0..2 of each; empty if the
-    # coordinates are positions of joints
-    sliding: IntArray
-    along: IntArray
+    # both are empty if the coordinates are positions of joints
+    sliding: IntArray  # indices into x of the translations of the frame's origin
+    along: IntArray  # base axis 0..2 of each of these translations
 
     @property
     def n(self) -> int:
@@ -54,14 +55,13 @@ class _Coordinates(ReadOnlyArrays):
         return len(self.sliding) == self.n
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v and dv/dt, each (T, n), for coordinates x and their rates, each (T, n)."""
+        """Compute v and dv/dt, each (T, n), for x, dx and ddx, each (T, n); ddx is zero if None."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute v for a unit rate of each coordinate, and two time derivatives of v, (3, T, n, n).
+        """Compute E' and two time derivatives of E' along a `motion` x, dx, ddx, (3, T, n, n).
 
-        Row k belongs to coordinate k. So the matrices are the transpose of E and its time derivatives along a
-        motion x, dx, ddx (T, n).
+        Row k is v at a unit rate of coordinate k.
         """
         twists = np.zeros((3, *motion[0].shape, self.n))
         twists[0] = np.eye(self.n)
@@ -72,7 +72,7 @@ class _Coordinates(ReadOnlyArrays):
         return self.unit_twists((x, np.zeros_like(x), np.zeros_like(x)))[0].swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
-        """Compute v (n,) on a path for ds/dt = 1 at path coordinate s."""
+        """Compute v (n,) on a path at path coordinate s, with ds/dt = 1."""
         parameter = np.array([s])
         v, _ = self.twist(path(parameter), path(parameter, 1))
         return v[0]
@@ -157,7 +157,7 @@ class FramePlatform(_Coordinates):
     def joint_incidence(self, carried: Array) -> Array:
         """Return 1 where a joint can move a coordinate, else 0, (n, nv).
 
-        A joint that carries the frame (`carried` (nv,) is 1) can move all coordinates.
+        `carried` (nv,) is 1 for a joint that carries the frame. Such a joint can move all coordinates.
         """
         return np.repeat(carried[None], self.n, axis=0)
 
@@ -174,7 +174,8 @@ class FramePlatform(_Coordinates):
         are used only by `JointPlatform`.
         """
         rates = np.zeros((2, len(motions.twist), self.n, 6))
-        rates[..., 3:] = cross(motions.rates[1:, :, :1, 3], self.units[:, :3])
+        origin_rates = motions.rates[1:, :, :1, 3]  # p' and p" of frame 0, (2, T, 1, 3)
+        rates[..., 3:] = cross(origin_rates, self.units[:, :3])
         if not self.constant:
             axes, axis_rates = motions.rates[:2, :, 0, :3]  # (T, 3, 3) each, one axis a row
             rotation = (axes + STEP * axis_rates).swapaxes(1, 2)
@@ -186,7 +187,7 @@ class FramePlatform(_Coordinates):
     def drift(self, motions: FrameMotions) -> Array:
         """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w for couples C."""
         rate = np.empty((len(motions.twist), self.n))
-        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
+        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]  # accelerations of the frame's origin
         if len(self.turning):
             rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)
             w, dw = motions.twist[:, 0, 3:], motions.twist_rate[:, 0, 3:]
@@ -316,9 +317,3 @@ def platform_coordinates(platform: Platform, model: pin.Model) -> PlatformCoordi
     if platform.joints:
         return JointPlatform.from_joints(platform.joints, model)
     return FramePlatform.from_axes(platform.axes)
-
-
-def frame_wrench(platform: PlatformCoordinates, frames: FrameStack, W: Array) -> Array:
-    """Compute the wrench (T, 6) at the frame's origin whose power is W . v, for W (T, n)."""
-    wrenches = np.broadcast_to(platform.wrenches(frames), (len(W), platform.n, 6))
-    return matvec(wrenches.swapaxes(1, 2), W)

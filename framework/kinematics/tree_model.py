@@ -9,7 +9,8 @@ oriented. Files, tables and messages state the position of a ball as a rotation 
 joint's origin.
 
 Limits are `lower` and `upper` of a revolute or prismatic joint. A joint is unlimited if both are missing or
-equal, as exporters write joints without limits. If only one of them is missing, it is 0, as URDF says.
+equal, as exporters write joints without limits. If only one of them is missing, it is 0, as URDF says. A
+column is an index into pinocchio's velocity vector (nv,).
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from framework.model.urdf_elements import COORDINATE_SUFFIXES
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
+# suffixes of the names of a floating joint's slides, with their kinds
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
-CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this defines no direction
 
 
 def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
@@ -44,7 +45,8 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
     """
     several = {}  # kind by name of each joint with several freedoms
     for joint in urdf.findall("joint"):
-        if (kind := joint.get("type", "")) in COORDINATE_SUFFIXES:
+        kind = joint.get("type", "")
+        if kind in COORDINATE_SUFFIXES:
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
@@ -67,15 +69,17 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
         placement = axes[parsed_parent] * parsed.jointPlacements[j]
         joint = parsed.joints[j]
         axes[j] = pin.SE3.Identity()
+
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
                 parent = _add_slides(model, parent, placement, name)
                 placement = pin.SE3.Identity()
-            if name not in as_declared:
+            if name not in as_declared:  # turn the third axis of the ball towards the centre of mass
                 to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
                 axes[j] = to_centre.inverse()
+
         new_index[j] = model.addJoint(parent, joint, placement, name)
         model.appendBodyToJoint(new_index[j], parsed.inertias[j], axes[j])
     for frame in parsed.frames[1:]:  # all except the universe
@@ -87,7 +91,7 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add slides along x, y and z to a parent joint; return the index of the last one."""
+    """Add the slides of a floating joint `name` to its parent; return the index of the last."""
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()
@@ -100,12 +104,12 @@ def _centre_direction(model: pin.Model, j: int) -> Array:
     If the two coincide, the vector leads to the farthest frame of the link. If all frames coincide with the
     joint, too, it is the z axis.
     """
-    inertia = model.inertias[j]
-    if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
-        return inertia.lever
     frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == j]
     farthest = max(frames, key=np.linalg.norm)
-    return farthest if np.linalg.norm(farthest) > CENTRE_DISTANCE else np.array([0.0, 0.0, 1.0])
+    lever = model.inertias[j].lever
+    if model.inertias[j].mass > 0 and np.linalg.norm(lever) > SAME_PLACE * np.linalg.norm(farthest):
+        return lever
+    return farthest if farthest.any() else np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,10 +196,10 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
 class JointLimit(NamedTuple):
     """The position limits of one joint in a URDF."""
 
-    joint: str
+    joint: str  # name
     coordinate: int  # index of its position in q
     column: int  # index of its velocity
-    lower: float
+    lower: float  # in `unit`
     upper: float
     unit: str  # rad or m
 
@@ -217,13 +221,14 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute the excesses (..., limits) of q (..., nq) over joint limits, divided by the ranges."""
+    """Compute by how much q (..., nq) exceeds joint limits, as shares (..., limits) of their ranges."""
     positions = q[..., [limit.coordinate for limit in limits]]
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
     rounding = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
     excess = np.maximum(lower - positions, positions - upper)
-    return np.where(excess > rounding, excess, 0.0) / np.maximum(upper - lower, rounding)
+    ranges = np.maximum(upper - lower, rounding)  # not zero where both limits are equal
+    return np.where(excess > rounding, excess, 0.0) / ranges
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
@@ -233,13 +238,14 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         rounding = SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
         positions = q[:, limit.coordinate]
         least, largest = float(positions.min()), float(positions.max())
-        pairs = []  # of a position and the limit that it exceeds
-        if limit.lower - least > rounding:
-            pairs.append((least, limit.lower))
-        if largest - limit.upper > rounding:
-            pairs.append((largest, limit.upper))
-        texts = [format_distinct(*pair, 6) for pair in pairs]
-        if texts:
-            excesses = " and ".join(f"{position} {limit.unit} of {bound}" for position, bound in texts)
-            exceeded[limit.joint] = f"position {excesses}"
+        excesses = []
+        for position, bound, excess in (
+            (least, limit.lower, limit.lower - least),
+            (largest, limit.upper, largest - limit.upper),
+        ):
+            if excess > rounding:
+                position_text, bound_text = format_distinct(position, bound, 6)
+                excesses.append(f"{position_text} {limit.unit} of {bound_text}")
+        if excesses:
+            exceeded[limit.joint] = f"position {' and '.join(excesses)}"
     return exceeded

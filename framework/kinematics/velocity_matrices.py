@@ -1,26 +1,42 @@
-"""A, B, C of any parallel robot: A v = B dq_a + C dq_e.
+"""The matrices of A v = B dq_a + C dq_e for any parallel robot, and their derivatives with those of the pose.
 
-The passive rates are eliminated numerically, for every robot in the same way. Let the columns of N span the
-left null space of the passive columns of d[platform ; closures]/dq. Then N' [v ; 0] = N' (actuated columns)
-dq_a + N' (elastic columns) dq_e. Source: Briot and Arakelian 2010, text below Eq. (4); A' lambda = W_p is
-their Eq. (4).
+v is the platform's velocity, q_a the motors' joints and q_e the deflections of the springs. The passive rates
+are eliminated numerically, for every robot in the same way. Let M = dF/dq be the Jacobian of platform and
+loops, F = [platform - x ; closures], and let the rows of L span the left null space of its passive columns.
+Then L [v ; 0] = L (actuated columns) dq_a + L (elastic columns) dq_e. Source: Briot and Arakelian 2010, text
+below Eq. (4); A' lambda = W_p is their Eq. (4).
+
+Derivatives of the pose: if the motors rest while a deflection changes the closures by dc, the passive joints
+close them, P dq_p = -dc, and the platform moves. If the platform rests, all joints follow the deflection.
+Springs may be any joints added to those of a robot. The geometric parameters of a robot are the springs of
+`framework.identification.geometry.parametrise_geometry(robot).model`, so `kinematic_derivatives` of this
+model also gives derivatives along geometric parameters.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from framework.errors import SingularPose
+from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import scale_jacobian
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
-from framework.kinematics.motion_rates import Motion, jacobian_rates
+from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
+from framework.kinematics.continuation.motor_curves import rates_closing_loops
+from framework.kinematics.inverse_kinematics import require_mobility
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, find_near_type2
+from framework.kinematics.motion_rates import Motion, jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ArrayLike, read_only
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, read_only
 
 
 class VelocityMatrices(NamedTuple):
-    """Matrices of A v = B dq_a + C dq_e, v on the platform's axes, q_a on the joint side."""
+    """Matrices of A v = B dq_a + C dq_e, with q_a on the joint side of the gears.
+
+    m is the number of rows of L; at T configurations each matrix has T as its first dimension.
+    """
 
     A: Array  # (m, n)
     B: Array  # (m, n_a)
@@ -30,8 +46,8 @@ class VelocityMatrices(NamedTuple):
 def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     """Compute A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
 
-    The rows come from an orthonormal basis of a null space, so they are determined up to a rotation. A is
-    singular at Type 2, B at Type 1 singularities.
+    The rows of L are an orthonormal basis of a null space, so A, B and C are determined up to a rotation of
+    their rows. A is singular at Type 2, B at Type 1 singularities.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
@@ -44,9 +60,9 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    Let L be N' of the header, M the Jacobian of platform and loops, and M_p its passive columns. L M_p = 0 at
-    all times, so dL/dt M_p = -L dM_p/dt. The solution of least norm is dL/dt = -L dM_p/dt M_p^+. Another
-    choice of rows adds R A, R B, R C to the rates, with one matrix R (m, m).
+    Let M_p be the passive columns of M. L M_p = 0 at all times, so dL/dt M_p = -L dM_p/dt. The solution of
+    least norm is dL/dt = -L dM_p/dt M_p^+. Another choice of L adds R A, R B, R C to the rates, with one
+    matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
     return matrices_and_derivatives(robot, motion.linearised, jacobian_rate)
@@ -57,8 +73,7 @@ def matrices_and_derivatives(
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A, B, C and their derivatives along any parameter.
 
-    M, L and the choice of dL are those of `matrices_and_rates`, with derivatives along the parameter in place
-    of time derivatives.
+    The derivative of L is that of `matrices_and_rates`, with the parameter in place of time.
 
     Args:
         jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.
@@ -67,11 +82,13 @@ def matrices_and_derivatives(
     dM = _dimensionless_jacobian(robot, jacobian_derivative)
     L, passive = _left_null_space(robot, M), robot.following
     dL = -L @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    # B and C are columns of L M with d(L M) = dL M + L dM; A consists of columns of L itself
-    dA, dB, dC = _eliminate_passive_rates(robot, dL, M)
+
+    # A consists of columns of L; B and C consist of columns of L M, with d(L M) = dL M + L dM
+    dA, B_by_dL, C_by_dL = _eliminate_passive_rates(robot, dL, M)
     _, B_by_dM, C_by_dM = _eliminate_passive_rates(robot, L, dM)
-    derivatives = VelocityMatrices(dA, dB + B_by_dM, dC + C_by_dM)
-    return _with_dimension(robot, _eliminate_passive_rates(robot, L, M)), _with_dimension(robot, derivatives)
+    matrices = _eliminate_passive_rates(robot, L, M)
+    derivatives = VelocityMatrices(dA, B_by_dL + B_by_dM, C_by_dL + C_by_dM)
+    return _with_dimension(robot, matrices), _with_dimension(robot, derivatives)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
@@ -84,29 +101,101 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of L [v; 0] = L M dq.
+    """Return A, B, C of L [v; 0] = L M dq for L (T, m, n + m).
 
-    Rows of L (T, m, n + m) annihilate the passive columns of M (T, n + m, nv), so passive rates drop out.
+    L annihilates the passive columns of M, so the passive rates drop out.
     """
     return VelocityMatrices(L[:, :, : robot.n], L @ M[:, :, robot.actuated], L @ M[:, :, robot.elastic])
 
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
-    """Return dF/dq (T, n + m, nv) in radians and lengths of the robot."""
+    """Convert a `jacobian` dF/dq, or a derivative of one, (T, n + m, nv) to radians and robot lengths."""
     return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
-    """Compute orthonormal rows (T, m, n + m) that the passive columns of M (T, n + m, nv) annihilate."""
+    """Compute L (T, m, n + m): orthonormal rows that annihilate the passive columns of M."""
     passive = robot.following
-    Q = np.linalg.qr(M[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
-    return Q[:, :, len(passive) :].swapaxes(1, 2)  # its last columns are orthogonal to the passive ones
+    Q, _ = np.linalg.qr(M[:, :, passive], mode="complete")  # Q (T, n + m, n + m)
+    return Q[:, :, len(passive) :].swapaxes(1, 2)  # these columns of Q are orthogonal to the passive ones
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
-    """Convert A, B, C from lengths of the robot to metres."""
+    """Convert the matrices A, B, C from lengths of the robot to metres."""
     return VelocityMatrices(
         A=matrices.A / robot.platform_scale,
         B=matrices.B / robot.column_scale[robot.actuated],
         C=matrices.C / robot.column_scale[robot.elastic],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSlopes(ReadOnlyArrays):
+    """Derivatives of joints q, platform x and `velocity_matrices` A, B, C at a pose along k joints."""
+
+    q: Array  # (nv, k) tangent vectors
+    x: Array  # (n, k) of the platform's coordinates [m, rad]
+    A: Array  # (k, m, n)
+    B: Array  # (k, m, n_a)
+    C: Array  # (k, m, n_e)
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicDerivatives(ReadOnlyArrays):
+    """Derivatives at one pose, with idle joints at rest.
+
+    Attributes:
+        motors: derivatives along the motors' joints, joint side of the gears, at constant deflections.
+        springs: derivatives along the deflections q_e, motors at rest.
+        q_a: (n_a, n_e) derivatives of the motors' joints along the deflections, platform at rest.
+    """
+
+    motors: PoseSlopes
+    springs: PoseSlopes
+    q_a: Array
+
+
+def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
+    """Compute the derivatives of a pose q (nq,) along motors and springs.
+
+    Loop equations that only springs can close stay open, for instance those of a planar robot for motions out
+    of its plane.
+
+    Raises:
+        InvalidInput: q is not assembled; no motor can move alone; or numbers of axes and freedoms differ.
+        SingularPose: the motors do not determine the pose (Type 2).
+        NotAssembled: the platform does not determine the joints (Type 1).
+    """
+    closed = assembled_at(robot, q)
+    require_mobility(robot)
+    check_motors_are_free(robot)
+    linearised = closed.linearised
+    if len(find_near_type2(robot, linearised)):
+        raise SingularPose(
+            f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
+            f"the robot (Type 2), and the pose has no derivative along them",
+            platform=closed.x[0],
+        )
+
+    # with the platform at rest, the moving joints undo the changes of F by a unit deflection of each spring
+    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)  # (n_e, 1, n + m)
+    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
+    return KinematicDerivatives(
+        motors=_pose_derivatives(robot, closed, robot.actuated),
+        springs=_pose_derivatives(robot, closed, robot.elastic),
+        q_a=joints[:, : robot.n_a].T,
+    )
+
+
+def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
+    """Compute the derivatives of pose and matrices along the joints `columns` (k,), loops closed.
+
+    The passive joints close the loops; motors and springs that are not among the columns rest.
+    """
+    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    steps = rates_closing_loops(robot, copies, np.eye(robot.nv)[columns])  # (k, nv)
+    jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
+    _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
+    twists = closed.linearised.platform[0] @ steps.T  # (n, k)
+    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
+    return PoseSlopes(steps.T, dx, *slopes)

@@ -22,8 +22,7 @@ from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at, type2_matrix
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives

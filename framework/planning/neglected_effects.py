@@ -35,7 +35,7 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoAnswer, NoLaw, NotConverged
-from framework.kinematics.idle_turns import driven_turns
+from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import (
     ExactLaw,

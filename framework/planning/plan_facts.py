@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import point
-from framework.kinematics.idle_turns import driven_turns
+from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OptimalLaw
 from framework.model.description import FrameWrench

@@ -11,7 +11,7 @@ joint j is |u_j|. Over a box it grows by at most the distance by which the joint
 frame can move p. Neither the slopes at the middle of a box nor the bounds on their change therefore need the
 sine of an interval.
 
-All quantities are in radians and robot lengths, as in `loop_matrices`. A closure that locks all three
+All quantities are in radians and robot lengths, as in `linearised_loops`. A closure that locks all three
 translations is written on the axes of the base. At closed loops these equations are equivalent, and no second
 derivative mixes joints of its two chains. Pinocchio's results at the middle of a box are trusted up to
 `DerivativeBounds.rounding`.
@@ -26,7 +26,7 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
-from framework.kinematics.loop_matrices import equation_sizes
+from framework.kinematics.linearised_loops import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, IntArray, select

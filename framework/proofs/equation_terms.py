@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frames import difference
+from framework.kinematics.frames import difference, scratch_of
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.tree_model import is_ball

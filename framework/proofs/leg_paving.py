@@ -17,9 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns, scratch_of
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.tree_model import single_columns

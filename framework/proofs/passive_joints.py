@@ -10,10 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from framework.kinematics.closures import loop_equations, scale_jacobian
+from framework.kinematics.closures import scaled_equations
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import equation_sizes, passive_matrix, type1_matrix
+from framework.kinematics.linearised_loops import equation_sizes, linearised_at, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.rotations import wrap_angles
@@ -91,13 +90,10 @@ def close_all_loops(
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
     """
-    weights = 1.0 / robot.row_lengths
     is_last = False
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
-        loops = loop_equations(robot.rows, frames)
-        values = loops.residual * weights
-        slopes = scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
+        values, slopes = scaled_equations(robot, robot.rows, frames)
         if extra_equations is not None:
             extra_values, extra_slopes = extra_equations(frames)
             values = np.hstack([values, extra_values])

@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from framework.kinematics.frame_variations import loop_curvature
+from framework.kinematics.closures import loop_curvature
 from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.simulation.drive import Drive

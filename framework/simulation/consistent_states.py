@@ -27,8 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import closure_drift, loop_wrenches, scale_jacobian
-from framework.kinematics.frame_variations import loop_curvature
+from framework.kinematics.closures import closure_drift, loop_curvature, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import frame_motions, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec

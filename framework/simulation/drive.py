@@ -18,10 +18,9 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches, wrench_slope
-from framework.kinematics.frames import FrameStack, integrate
+from framework.kinematics.frames import FrameStack, integrate, scratch_of
 from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

@@ -23,10 +23,15 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, collect_frames, difference, forces_on_joints
+from framework.kinematics.frames import (
+    FrameStack,
+    collect_frames,
+    difference,
+    forces_on_joints,
+    scratch_of,
+)
 from framework.kinematics.inverse_kinematics import require_joints_close
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, ArrayLike
 from framework.tolerances import EIGENVALUE_ROUNDING

@@ -15,9 +15,14 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameStack, collect_frames, move_with_bodies
+from framework.kinematics.frames import (
+    FrameStack,
+    Scratch,
+    collect_frames,
+    move_with_bodies,
+    scratch_of,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.equations import EquationsOfMotion, check_damping
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from framework.errors import NotAssembled
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, passive_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array

@@ -21,9 +21,10 @@ from framework.kinematics.linearised_loops import (
     ClosedStack,
     LinearisedLoops,
     assembled_at,
+    clearance,
     linearised_at_reference,
+    type1_matrix,
 )
-from framework.kinematics.loop_matrices import clearance, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.laws.path import Line

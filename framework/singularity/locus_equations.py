@@ -17,8 +17,13 @@ import numpy as np
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import equation_sizes, independent_loops_matrix, passive_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+    passive_matrix,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles

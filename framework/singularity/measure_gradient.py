@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.closures import loop_curvature
 from framework.kinematics.continuation.branch import Branch
-from framework.kinematics.frame_variations import loop_curvature
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import passive_matrix, passive_motion
+from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, passive_motion
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array

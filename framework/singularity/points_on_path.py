@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, Type1Singularity
-from framework.kinematics.closures import loop_equations, scale_jacobian
+from framework.kinematics.closures import scaled_equations
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import scaled_loops, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -246,10 +245,9 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     robot = branch.robot
     if not len(robot.structure.dropped):
         return
-    all_rows = loop_equations(robot.rows, linearised.frames).jacobian
-    all_scaled = scale_jacobian(robot, all_rows, robot.rows.rotation)
-    all_values = singular_values(all_scaled[0][:, robot.moving])
-    values = singular_values(scaled_loops(robot, linearised)[0][:, robot.moving])
+    all_loops = scaled_equations(robot, robot.rows, linearised.frames).jacobian[0]  # (rows, nv)
+    all_values = singular_values(all_loops[:, robot.moving])
+    values = singular_values(moving_loops(robot, linearised)[0])
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = [robot.rows.names[k] for k in robot.structure.dropped]
         raise NotConverged(

@@ -37,8 +37,14 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.assembly import nearby_configurations
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at
-from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    assembled_at,
+    clearance,
+    linearised_at,
+    type1_matrix,
+    type2_matrix,
+)
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import (
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
     instantaneous_motions,
     passive_matrix,
     passive_motion,

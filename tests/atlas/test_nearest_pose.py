@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 import robots
 from framework import ControlCycle, InvalidInput, assemble
 from framework.atlas.nearest_pose import nearest_pose
+from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
-from framework.kinematics.pose import describe_pose
 from tests.oracles import five_bar_pose
 from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
 

@@ -9,8 +9,7 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import InvalidInput, SingularPose, assemble, dynamics_at, platform_limits, velocity_matrices
 from framework.dynamics.platform_wrench import hold_at
-from framework.kinematics.frames import frames_at
-from framework.kinematics.platform import frame_wrench
+from framework.kinematics.placements import platform_wrenches
 from tests.robots.test_humanoid_ankle import cranks, derivative
 
 # translations; with a turn; a rotation vector; translations and a rotation vector; joints
@@ -30,11 +29,10 @@ def test_at_a_corner_all_motors_are_at_their_limits(name):
     robot, q = posed(name)
     torque, speed = np.linspace(0.5, 1.5, robot.n_a), np.linspace(20, 30, robot.n_a)
     limits = platform_limits(robot, q, torque_limit=torque, speed_limit=speed)
-    at = frames_at(robot, q[None])
     frame = robot.description.platform.frame
     assert len(limits.wrenches.vertices) == len(limits.speeds.vertices) == 2**robot.n
     for U in limits.wrenches.vertices[:8]:
-        pushed = frame_wrench(robot.platform, at, -U[None])[0]
+        pushed = platform_wrenches(robot, q[None], -U[None])[0]
         found = dynamics_at(robot, q, wrenches={frame: pushed}).torque
         np.testing.assert_allclose(np.abs(found), torque, rtol=1e-9)
     A, B, _ = velocity_matrices(robot, q)

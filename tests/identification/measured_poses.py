@@ -7,7 +7,7 @@ import numpy as np
 from framework import ParallelRobot
 from framework.identification import Recording
 from framework.identification.geometry import Geometry, parametrise_geometry
-from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 
 TRACKER = 2e-5  # [m]
 PLANAR = ("five_bar", "three_rrr")

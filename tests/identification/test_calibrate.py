@@ -14,7 +14,7 @@ from framework.cli import main
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
 from framework.identification.geometry import parametrise_geometry, select_measurements
-from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
 
 KINDS = ("five_bar", "three_rrr", "delta", "gough_stewart")

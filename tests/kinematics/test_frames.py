@@ -10,8 +10,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.frames import frame_motions, frames_at
-from framework.kinematics.pinocchio_memory import Scratch, scratch_of
+from framework.kinematics.frames import Scratch, frame_motions, frames_at, scratch_of
 from framework.model.description import FLEXIBILITIES
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

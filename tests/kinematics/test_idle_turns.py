@@ -10,8 +10,7 @@ import pytest
 from framework import ParallelRobot, simulate
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.frames import integrate
-from framework.kinematics.idle_turns import idle_turns
-from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.inverse_kinematics import close_loops, idle_turns
 from framework.kinematics.motion_rates import motion_at
 from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import DATA, short_move, without_dry_friction

@@ -18,7 +18,7 @@ from framework import (
 from framework.identification.geometry import parametrise_geometry
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import difference, frames_at
-from framework.kinematics.kinematic_derivatives import kinematic_derivatives
+from framework.kinematics.velocity_matrices import kinematic_derivatives
 
 ROBOTS = {
     "five_bar": lambda: robots.load("five_bar", flexibility="flexible_links"),

@@ -17,7 +17,8 @@ import robots
 from framework import Line, Mechanism, ParallelRobot, plan_crossing, simulate
 from framework.kinematics.attitude import attitude_about
 from framework.kinematics.frames import frame_motions, frames_at, move_wrench
-from framework.kinematics.platform import frame_wrench, platform_coordinates
+from framework.kinematics.placements import platform_wrenches
+from framework.kinematics.platform import platform_coordinates
 from framework.model.description import Platform
 from framework.numerics.rotations import rotation_matrix
 
@@ -200,7 +201,7 @@ def test_a_wrench_of_the_platform_and_its_motion_have_one_power(name):
     q, _ = nearby(robot, 10)
     at = frames_at(robot, q[None])
     W, v = np.random.default_rng(11).standard_normal((2, 1, robot.n))
-    wrench, twist = frame_wrench(robot.platform, at, W), robot.platform.frame_twist(at, v)
+    wrench, twist = platform_wrenches(robot, q[None], W), robot.platform.frame_twist(at, v)
     if PLATFORMS[name] is not JOINTS:  # each of whose wrenches is felt by one joint alone
         assert np.sum(wrench * twist) == pytest.approx(np.sum(W * v), abs=1e-13)
     loads = np.broadcast_to(robot.platform.wrenches(at), (1, robot.n, 6)).copy()

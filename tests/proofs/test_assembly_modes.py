@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, forward_kinematics
-from framework.kinematics.pose import describe_pose
+from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from tests.robots.test_three_rpr import legs as three_rpr_legs

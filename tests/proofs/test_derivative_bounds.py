@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.proofs.derivative_bounds import DerivativeBounds
 
 # point rows on base axes and on a frame's, slides, directions, distances, turns and joints as platform

@@ -16,11 +16,10 @@ import pytest
 
 import robots
 from framework import ParallelRobot, plan_scene
-from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frame_variations import loop_curvature
+from framework.control.control_cycle import SinglePose
+from framework.kinematics.closures import closure_drift, loop_curvature, loop_equations
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.modes import legs
-from framework.kinematics.single_pose import SinglePose
 from framework.model import description, loop_rows, read_robot_file
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import RowKind

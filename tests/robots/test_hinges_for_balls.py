@@ -12,8 +12,7 @@ import pytest
 
 from framework import NotAssembled, Type2Singularity, forward_kinematics
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import passive_matrix, passive_motion
+from framework.kinematics.linearised_loops import linearised_at, passive_matrix, passive_motion
 from tests.robots.every_robot import RIGID
 
 

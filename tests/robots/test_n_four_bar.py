@@ -22,8 +22,11 @@ from framework import (
     velocity_matrices,
 )
 from framework.kinematics.frames import frames_at
-from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
-from framework.kinematics.loop_matrices import instantaneous_motions
+from framework.kinematics.linearised_loops import (
+    instantaneous_motions,
+    linearised_at,
+    linearised_at_reference,
+)
 from framework.model.description import FLEXIBILITIES
 from robots.generators import n_four_bar as generator
 

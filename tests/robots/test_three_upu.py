@@ -23,8 +23,12 @@ from framework import (
     velocity_matrices,
 )
 from framework.kinematics.frames import frames_at
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import instantaneous_motions, passive_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    instantaneous_motions,
+    linearised_at,
+    passive_matrix,
+)
 from framework.model.description import FLEXIBILITIES
 from framework.singularity.type2 import uncontrolled_motion
 from robots.generators import three_upu as generator

@@ -8,8 +8,7 @@ import pytest
 
 import robots
 from framework import InvalidInput
-from framework.kinematics.closures import loop_equations
-from framework.kinematics.frame_variations import loop_curvature
+from framework.kinematics.closures import loop_curvature, loop_equations
 from framework.kinematics.frames import frames_at
 from framework.simulation.equations import EquationsOfMotion
 

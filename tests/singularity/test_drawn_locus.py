@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import assemble, locate_singularities
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.linearised_loops import passive_matrix
 from framework.planning.scenes import scene_path
 from framework.singularity.drawn_locus import locus_curves, locus_patch
 

@@ -7,9 +7,13 @@ import pytest
 
 import robots
 from framework import Line, locate_singularities, plan_crossing, track_path
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.bordered_system import DIFFERENCE_STEP, differentiate_g, root_of_g, stencil
+from framework.kinematics.linearised_loops import linearised_at, type2_matrix
+from framework.singularity.bordered_system import (
+    DIFFERENCE_STEP,
+    differentiate_g,
+    root_of_g,
+    stencil,
+)
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import InvalidInput, locate_singularities, trace_locus
-from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import leg_signs, legs
 from framework.planning.scenes import scene_path
 from framework.singularity.drawn_locus import locus_curves

@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import Line, track_path
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.linearised_loops import type2_matrix
 from framework.planning.scenes import scene_path
 from framework.singularity.type2 import singularity_measure
 

@@ -17,7 +17,7 @@ import pytest
 
 from framework import ParallelRobot, simulate
 from framework.kinematics.diagnostics.proposal import propose
-from framework.kinematics.idle_turns import idle_turns
+from framework.kinematics.inverse_kinematics import idle_turns
 from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import DATA, PLANNED, short_move, undamped, without_dry_friction

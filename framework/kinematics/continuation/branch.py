@@ -18,8 +18,7 @@ from framework.errors import NotAssembled
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -44,8 +43,8 @@ class Continuation(ReadOnlyArrays):
     start: float  # s
     end: float
     core: tuple[float, float]  # interval of s in which Newton's method fails
-    series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
-    error: float  # estimate [rad, lengths]
+    series: Array  # (degree + 1, nv) Chebyshev coefficients of the offset from the branch's origin
+    error: float  # estimated error of the series [rad, lengths]
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin at s (T,)."""
@@ -70,8 +69,8 @@ class Branch(ReadOnlyArrays):
 
     robot: ParallelRobot
     path: Path
-    origin: Array  # (nq,)
-    s: Array  # (K,)
+    origin: Array  # (nq,) configuration at s = 0
+    s: Array  # (K,) path coordinates of the knots
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
@@ -81,8 +80,6 @@ class Branch(ReadOnlyArrays):
     @property
     def knots(self) -> Array:
         """Path coordinates (k,) between which path and wrenches are smooth."""
-        if not self.wrenches.entries:
-            return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
     def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:
@@ -137,8 +134,8 @@ class Branch(ReadOnlyArrays):
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         chord = self.u[k + 1] - self.u[k]
         start, end = step * self.du[k], step * self.du[k + 1]  # derivatives with respect to t
-        curvature = 3 * chord - 2 * start - end
-        return self.u[k] + t * (start + t * (curvature + t * (start + end - 2 * chord)))
+        quadratic, cubic = 3 * chord - 2 * start - end, start + end - 2 * chord  # coefficients of t^2, t^3
+        return self.u[k] + t * (start + t * (quadratic + t * cubic))
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).
@@ -193,7 +190,7 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     provides guesses closer to it. The error is the largest of misfit, residual and truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
-    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # s of the nodes
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
     continuation = None
@@ -203,6 +200,7 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
             break
         series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
         guess = integrate(robot, branch.origin, basis @ series)
+
         misfit = np.abs((basis[sound] @ series - u) / lengths).max()
         residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
         truncation = np.abs(series / lengths).max() * tail(series / lengths)

@@ -5,11 +5,16 @@ the passive columns of the loop equations is regular, and the branch leads to th
 the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is called
 Type 2 here, whether the platform escapes or only joints inside a leg; `singularity.pose_classes`
 distinguishes the two.
+
+All curves of a stack of motor angles are followed together from one start. In a stream of motor angles each
+pose is the start of the next.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,12 +24,13 @@ from framework.kinematics.continuation.motor_curves import MotorCurves, curves_a
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
+    clearance,
     linearised_at,
     linearised_at_reference,
 )
-from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike, freeze
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, select
+from framework.numerics.rotations import whole_turns
 
 TYPE_2_END_RATIO = 0.05  # share of the usual clearance; a curve that ends with less ends at Type 2
 
@@ -34,15 +40,16 @@ class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
     `x` (n,) includes whole turns of the platform since the start. `residual` is the largest of all loop
-    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. `clearance` is
-    the least singular value of P on the curve (radians, robot lengths): 0 at a Type 2 singularity, infinite
-    without passive joints. From `robot`, `curve` and `linearised` the next pose of a stream of motor angles
-    starts without another check that the loops are closed.
+    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. From `robot`,
+    `curve` and `linearised` the next pose of a stream of motor angles starts without another check that the
+    loops are closed.
     """
 
+    # the least singular value of P on the curve [rad, robot lengths]: 0 at a Type 2 singularity, infinite
+    # without passive joints
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    curve: MotorCurves = field(repr=False)  # T = 1
+    curve: MotorCurves = field(repr=False)  # its last pose is this one, T = 1
     linearised: LinearisedLoops = field(repr=False)  # at q, T = 1
 
 
@@ -95,7 +102,7 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return an assembled configuration (nq,), the reference by default, as the start of a curve.
+    """Return the assembled configuration `near` (nq,), the reference by default, as the start of a curve.
 
     Raises:
         InvalidInput: the configuration is not assembled.
@@ -123,11 +130,13 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 def curve_end_error(
     robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a curve (T = 1) that ends before the motors reach q_a (n_a,).
+    """Return the error for a curve that ends at `end` (T = 1), before the motors reach q_a (n_a,).
 
-    The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one.
+    The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one. The loops at
+    the end are `linearised`.
     """
-    usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
+    at_reference = clearance(robot, linearised_at_reference(robot))
+    usual_clearance = max(end.largest[0], at_reference[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
@@ -144,3 +153,71 @@ def curve_end_error(
         share=share,
         platform=x,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseStack(ReadOnlyArrays):
+    """Poses for T sets of motor angles, see `ForwardPose`; the rows in `refused` are NaN."""
+
+    q: Array  # (T, nq)
+    x: Array  # (T, n)
+    residual: Array  # (T,) largest residual of all loop equations [m or rad]
+    clearance: Array  # (T,) least singular value of P on the curve (radians, robot lengths)
+    refused: Mapping[int, NotAssembled]  # errors by row; a `Type2Singularity` says where it lies
+
+
+def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
+    """Compute the poses for T sets of motor joints (T, n_a), each from the reference.
+
+    Raises:
+        InvalidInput: q_a has the wrong shape or is not finite, or no motor can move alone. The errors of
+            single rows (Type2Singularity, NotAssembled) are in `refused` of the result.
+    """
+    expect_robot(robot)
+    targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
+    check_motors_are_free(robot)
+    start = start_pose(robot, None)
+    ends = follow_curves(robot, start.curve, start.linearised, targets)
+    linearised = linearised_at(robot, ends.q, None)
+    refused: dict[int, NotAssembled] = {}
+    for k in np.flatnonzero(ends.share < 1.0).tolist():
+        end = select(ends, slice(k, k + 1))
+        refused[k] = curve_end_error(robot, end, linearised.select(k), targets[k])
+    # as in `PoseStack`; copies, because the errors refer to the arrays of `ends`
+    poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
+    for values in poses:
+        values[list(refused)] = np.nan
+    return PoseStack(*poses, refused=MappingProxyType(refused))
+
+
+def follow_motors(
+    robot: ParallelRobot,
+    samples: Iterable[ArrayLike],
+    *,
+    near: ArrayLike | Configuration | None = None,
+    single_turn: bool = False,
+) -> Iterator[ForwardPose]:
+    """Yield the pose of each sample of the motor joints, starting from the previous pose.
+
+    The platform's whole turns are counted through the whole stream.
+
+    Args:
+        samples: motor joints (n_a,), joint side of the gears [rad, m], for instance from encoders.
+        near: an assembled configuration (nq,) to start from, the reference by default.
+        single_turn: whether hinges are measured modulo a turn. If so, each sample is shifted by the whole
+            turns that bring it nearest to the previous one. Otherwise full turns count.
+
+    Raises:
+        InvalidInput, Type2Singularity, NotAssembled: a sample has no pose, see `forward_kinematics`. The
+            stream ends after the pose of the previous sample.
+    """
+    expect_robot(robot)
+    turning = ~robot.sliding[robot.actuated]
+    pose = start_pose(robot, near)
+    for sample in samples:
+        q_a = motor_joints_of(robot, sample)
+        if single_turn:
+            turns = whole_turns(robot.actuated_coordinates(pose.q[None])[0] - q_a)
+            q_a = np.where(turning, q_a + turns, q_a)
+        pose = forward_kinematics(robot, q_a, near=pose)
+        yield pose

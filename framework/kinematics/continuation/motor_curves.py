@@ -10,40 +10,44 @@ root, or where branches cross, near which steps become ever shorter.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
-    END_ROUNDING,
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
+    CurveEnds,
+    CurveEquations,
+    Curves,
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    clearance,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+)
 from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
-from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
-
-MAX_SINGLE_STEP = 0.05  # [rad, lengths] a curve on which no joint moves farther is tried in a single step
-MAX_STEP_ITERATIONS = 10  # of Newton's method; a step that needs more iterations is refused
+from framework.tolerances import BRANCH_CORRECTION, BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST, SAME_PLACE
 
 
 class MotorCurves(NamedTuple):
-    """The last poses on T motor curves."""
+    """The state of T motor curves: the last pose on each curve, and extremes so far."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n) platform coordinates, with whole turns since the start
     rate: Array  # (T, nv) dq/ds
-    share: Array  # (T,) s; 1 where the motors have arrived
+    share: Array  # (T,) share s of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) number of steps taken
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
@@ -56,7 +60,7 @@ class _Steps(NamedTuple):
     """Ends of the steps, S of T, whose loops Newton's method closes."""
 
     rows: IntArray  # (S,) indices among the T steps
-    ends: MotorCurves  # (S, ...)
+    ends: MotorCurves  # the curves after the steps
     correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
     on_branch: BoolArray  # (S,) whether the end is on the branch of the start
 
@@ -68,14 +72,14 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     value = clearance(robot, linearised)
     sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
-        q=frames.q.copy(),
+        q=frames.q,
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
         rate=np.zeros((count, robot.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=value,
-        least=value.copy(),
-        largest=value.copy(),
+        least=value,
+        largest=value,
         determinant_sign=sign,
         log_determinant=logarithm,
     )
@@ -91,10 +95,13 @@ def follow_curves(
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
-    is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
-    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    # Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one, the
-    # step has passed the singularity, and the curve ends before the step.
+
+    # a curve on which no joint moves farther than a corrector may is tried in a single step
+    is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
+    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)  # (T,) in s
+    # A curve is live until it arrives, ends, or its steps become too short. Assembly modes meet at a
+    # singularity. If the clearance grows again after a curve has approached one, the step has passed the
+    # singularity, and the curve ends before the step.
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
@@ -123,80 +130,80 @@ def follow_curves(
 def _begin_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
 ) -> MotorCurves:
-    """Return T curves at their common start, with joint rates for the motors' turns (T, nv).
-
-    If P is singular to the last bit, no rates exist and the clearance is set to zero.
-    """
+    """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
     curves = select(start, copies)
     curves.share[:], curves.steps[:] = 0.0, 0
     curves.least[:] = curves.largest[:] = curves.clearance
-    rate = motor_driven_rates(robot, linearised.select(copies), turn)
-    if rate is None:
-        curves.clearance[:] = 0.0
-        return curves._replace(rate=turn.copy())
-    return curves._replace(rate=rate)
+    return curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) in s along the tangents; decide which ends are on their branches.
+    """Take steps of length `step` (T,) in s along the tangents; decide which ends are on their branches.
 
     Args:
         start: configuration (nq,) at s = 0.
         turn: (T, nv) turns of the motors from s = 0 to 1.
+        current: the T curves before the steps.
     """
     share = current.share + step
-    share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
+    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)
     length = (share - current.share)[:, None]  # (T, 1)
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
-    rows = np.flatnonzero(closing.closed)  # of the S that close
+
+    rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
     linearised = closing.linearised.select(rows)
-    current, length = select(current, rows), length[rows]
-    rate = motor_driven_rates(robot, linearised, turn[rows])
-    ends = curves_at(robot, linearised, current.x)
+    starts, length = select(current, rows), length[rows]
+    ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
-        rate=turn[rows] if rate is None else rate,
+        rate=rates_closing_loops(robot, linearised, turn[rows]),
         share=share[rows],
-        steps=current.steps + 1,
-        least=np.minimum(current.least, ends.clearance),
-        largest=np.maximum(current.largest, ends.clearance),
+        steps=starts.steps + 1,
+        least=np.minimum(starts.least, ends.clearance),
+        largest=np.maximum(starts.largest, ends.clearance),
     )
+
     corrections = difference(robot, predicted[rows], ends.q)
-    measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
+    measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign(
-        (current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant)
-    )  # of det P
+    on_branch &= keeps_sign(  # of det P
+        (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
+    )
     return _Steps(rows, ends, measured.correction, on_branch)
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
-    """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
+    """Close the loops near `guess` (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
     # rounding of many steps leaves the motors slightly off their prescribed turn
     motor_offset = (turn - difference(robot, start, guess))[:, robot.actuated]
     guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), closed=np.full(len(guess), True))
-    return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
+    return close_each(robot, None, guess)
 
 
-def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute all joint rates (T, nv) for motor rates `turn` (T, nv); None if P is singular."""
-    rate, columns = turn.copy(), robot.following
+def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates: Array) -> Array:
+    """Return `rates` (T, nv) of all other joints with the passive rates that keep the loops closed.
+
+    If P is singular to the last bit, no such rates exist, and the passive joints stay at rest.
+    """
+    columns = robot.following
+    closing = rates.copy()
     if len(columns):
-        gap_rates = np.matvec(linearised.closures, turn)  # (T, m) with the passive joints at rest
-        try:
-            rate[:, columns] = -linearised.passive_factors.solve(gap_rates)
-        except np.linalg.LinAlgError:
-            return None
-    return rate
+        gap_rates = np.matvec(linearised.closures, rates)  # (T, m) with the passive joints at rest
+        with suppress(np.linalg.LinAlgError):
+            closing[:, columns] = -linearised.passive_factors.solve(gap_rates)
+    return closing
 
 
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one."""
+    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one.
+
+    `turn` (all curves, nv) are the turns of the motors from s = 0 to 1.
+    """
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _find_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
@@ -214,17 +221,19 @@ def _end_at_turning_points(
 
 
 def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the next Type 2 singularity of each of T curves, ahead of q (T, nq).
+    """Find the next Type 2 singularity ahead on each of T curves, from q (T, nq) at `share` s.
 
-    On a curve the m loop equations determine the passive joints at each share of the motor motion `turn`
-    (T, nv). At a Type 2 singularity the share has an extremum: the curve turns back. `share` (T,) is that of
-    q.
+    On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
+    (T, nv). At a Type 2 singularity s has an extremum: the curve turns back.
     """
     columns = robot.following
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
 
     def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives [rad, robot lengths]."""
+        """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
+
+        They depend on the share s only by q.
+        """
         linearised = linearised_at(robot, q_on_curve, None)
         loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
         return CurveEquations(

@@ -23,45 +23,49 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import Configuration
+from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
-from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, require_square
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+)
 from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.single_pose import SinglePose
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import solve
-from framework.tolerances import LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE, REACHED_PLATFORM
+from framework.tolerances import (
+    BRANCH_CORRECTION,
+    CLOSED_LOOP,
+    LEAST_TYPE1_SHARE,
+    LEAST_TYPE2_SHARE,
+    RANK_ROUNDING,
+    REACHED_PLATFORM,
+)
 
+# least sizes of the determinants of Type 1 and Type 2, over their sizes at the reference
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
-MAX_STEPS = 30
-MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
+MAX_STEPS = 30  # of the search
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
-LEAST_DECREASE = 1e-8  # share of the squared distance; if a step is predicted to gain less, the search ends
-LEAST_CURVATURE = 1e-9  # least eigenvalue of H, to keep it definite
-MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # number of Newton steps; residual of closed loops [rad, lengths]
-# Share of the lag behind the best other search; if a step is predicted to gain less, the search ends.
-LEAST_PROGRESS = 0.1
+# The search ends if the decrease of the squared distance, predicted for the next step, is below these shares
+LEAST_DECREASE = 1e-8  # of the squared distance
+LEAST_PROGRESS = 0.1  # of its excess over that of the best other search
 UNCONVERGED = "the search has not converged"
-SAME_END = 0.1  # [rad, lengths] of a joint; poses nearer to each other count as the same result
 LEAST_DAMPING = 1e-2  # first damping after a poor step
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
 
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The nearest pose to a target in a local search, see `Configuration`.
+    """The nearest pose to a target in a local search, see `Configuration`."""
 
-    `distance` from the target is in `unit`: m if all coordinates are translations, rad if all are turns, else
-    robot lengths and rad. `stops` says what keeps the pose from the target: ranges of joints, stretched legs
-    (Type 1), motors that lose hold (Type 2), or a search that has not converged. It is empty if the target is
-    reached.
-    """
-
-    distance: float
-    unit: str
+    distance: float  # from the target, in `unit`
+    unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
+    # what keeps the pose from the target: ranges of joints, stretched legs (Type 1), motors that lose hold
+    # (Type 2), or a search that has not converged; empty if the target is reached
     stops: tuple[str, ...]
 
 
@@ -85,14 +89,19 @@ class _Iterate(NamedTuple):
     # by their sizes at the reference
     room: Array
     room_slopes: Array  # (2 f + 2, n) derivatives of `room` along Z
-    loops: LinearisedLoops  # T = 1
+    loops: LinearisedLoops  # at q, T = 1
+
+    @property
+    def determinant_room(self) -> Array:
+        """Distances (2,) of both determinants from their bounds."""
+        return self.room[-2:]
 
 
 class _Step(NamedTuple):
     """A step of the search."""
 
-    z: Array  # (n,)
-    decrease: float  # of the value, predicted by the model
+    z: Array  # (n,) amplitudes of the motions Z
+    decrease: float  # of the value, predicted by the quadratic model
     forces: Array  # (2 f + 2,) multipliers of the bounds; zero for inactive ones
 
     @property
@@ -102,12 +111,12 @@ class _Step(NamedTuple):
         return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
-        """Return whether the predicted decrease is negligible."""
+        """Return whether the decrease predicted at an iterate is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
 
 
 class PoseSearch:
-    """The search for nearest poses of one robot, for one thread."""
+    """The search for nearest poses of one robot."""
 
     def __init__(self, robot: ParallelRobot, *, motors_hold: bool = False) -> None:
         """Prepare the search for poses of a robot.
@@ -120,15 +129,14 @@ class PoseSearch:
         """
         require_square(robot)
         self.robot, self._motors_hold = robot, motors_hold
-        self._pose = SinglePose(robot)
         self._lengths = robot.column_scale[robot.moving]
-        self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
+        self._row_sizes = equation_sizes(robot)[robot.n :]
         self._unit_length, self._unit = distance_unit(robot)
         self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS  # see `_bounds`
+        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS  # see `_bounds`
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -141,11 +149,13 @@ class PoseSearch:
         least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
+
         damping = 0.0  # of Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
+
             following = self._follow(iterate, step, target)
             gain = 0.0  # actual over predicted decrease; 0 if the step is refused
             if following is not None:
@@ -160,6 +170,8 @@ class PoseSearch:
     def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
 
+        `step` is the next step from the iterate.
+
         Args:
             least_value: |e|^2 / 2 of the nearest pose from other starts.
             ends: (k, nq) poses where other searches have converged.
@@ -167,11 +179,12 @@ class PoseSearch:
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
         is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
         distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
-        repeats = distances.min(initial=np.inf) < SAME_END and iterate.value > least_value
+        is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
+        repeats = is_on_their_branch and iterate.value > least_value
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate, with its stops by the forces of the next `step`."""
+        """Return the pose after `count` steps, with its stops by the forces of the next `step`."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
@@ -180,11 +193,10 @@ class PoseSearch:
         is_met = (iterate.room < rounding) | step.is_small(iterate)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]
-        self._pose.evaluate_pose(iterate.q)
         return NearestPose(
             q=iterate.q,
             x=iterate.x,
-            residual=float(np.abs(self._pose.residual).max(initial=0.0)),
+            residual=float(iterate.loops.gap[0]),
             iterations=count,
             distance=distance * self._unit_length,
             unit=self._unit,
@@ -192,34 +204,36 @@ class PoseSearch:
         )
 
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
-        """Solve the quadratic program of a step within the bounds.
+        """Solve the quadratic program of a step from an iterate within the bounds.
 
-        Let H = R' R, w = R'^-1 g and y = R z + w. The program minimises |y| subject to G y >= G w - room,
-        with G the slopes of the room along y. Lawson and Hanson (1974, chapter 23) solve this least-distance
-        problem by nonnegative least squares: y = -r / r_0 with the residual (r, r_0) of [G' ; (G w - room)']
-        multipliers = [0 ; 1].
+        `damping` is that of Levenberg and Marquardt. Let H + damping I = R' R, w = R'^-1 g and y = R z + w.
+        The program minimises |y| subject to G y >= G w - room, with G the slopes of the room along y. Lawson
+        and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares: y = -r /
+        r_0 with the residual (r, r_0) of [G' ; (G w - room)'] multipliers = [0 ; 1].
         """
         from scipy.optimize import nnls
 
         g, H = iterate.gradient, iterate.hessian
         # bounds that a step can reach; the others would only slow down the solver
-        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
+        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_NEWTON_STEP > iterate.room
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
         w = inverse.T @ g
         G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
+
         matrix = np.vstack([G.T, G @ w - iterate.room[in_reach]])
         right = np.append(np.zeros(len(g)), 1.0)
         multipliers = nnls(matrix, right)[0] if in_reach.any() else np.zeros(0)
         residual = matrix @ multipliers - right
         y = -residual[:-1] / residual[-1]
+
         z = inverse @ (y - w)
-        z *= min(1.0, MAX_JOINT_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_CURVATURE))
+        z *= min(1.0, MAX_NEWTON_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_DIVISOR))
         forces = np.zeros(len(in_reach))
         forces[in_reach] = multipliers
         return _Step(z, decrease=float(-g @ z - 0.5 * z @ H @ z), forces=forces)
 
     def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
-        """Return the iterate after a step; None if the step is refused.
+        """Return the iterate after a step towards the target (n,); None if the step is refused.
 
         A step is refused if its loops do not close, or if it leads to another branch or mode.
         """
@@ -228,14 +242,16 @@ class PoseSearch:
         q = self._close(predicted)
         if q is None:
             return None
+
         correction = difference(self.robot, predicted, q)
         corrected, advance = largest_motion(self.robot, np.array([correction, motion]))[:, None]
         if not is_small(corrected, advance)[0]:
             return None
+
         following = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
-        least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
-        if (following.room[-2:] < least_room).any():
+        least_room = np.minimum(iterate.determinant_room, -0.5 * LEAST_DETERMINANTS)
+        if (following.determinant_room < least_room).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
             return None
@@ -251,35 +267,37 @@ class PoseSearch:
         An additional equation holds a joint that has left its range at the end of the range.
         """
         units = np.eye(len(self._lengths))
-        room_slopes = np.vstack([units, -units])  # (2 f, f)
+        room_slopes = np.vstack([units, -units])  # (2 f, f) derivatives of the room along the joints
         is_beyond = np.zeros(2 * len(units), dtype=bool)
-        for _ in range(MAX_CLOSING_STEPS):
+        for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
             room = self._range_room(q)
             is_beyond |= room < 0.0
             gap = np.append(residual, room[is_beyond])
             K = np.vstack([J, room_slopes[is_beyond]])  # derivatives of the gap
-            if np.abs(gap).max(initial=0.0) < CLOSED:
+            if np.abs(gap).max(initial=0.0) < CLOSED_LOOP:
                 return q
             # the small multiple of the identity allows dependent rows
-            step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
-            if not np.abs(step).max() < MAX_JOINT_STEP:
+            step = -K.T @ np.linalg.solve(K @ K.T + CLOSED_LOOP * np.eye(len(K)), gap)
+            if not np.abs(step).max() < MAX_NEWTON_STEP:
                 return None
             q = integrate_columns(self.robot, q, self.robot.moving, step * self._lengths)
         return None
 
     def _range_room(self, q: Array) -> Array:
-        """Compute the distances (2 f,) of joints from the lower, then the upper ends of their ranges."""
+        """Compute the distances (2 f,) of joints at q (nq,) from the lower, then the upper ends of ranges."""
         position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
         return np.append(position - self._lower, self._upper - position)
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
-        independent = self.robot.structure.independent
-        self._pose.evaluate_pose(q)
-        residual = self._pose.residual.take(independent) / self._row_sizes
-        jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
-        return residual, jacobian * (self._lengths / self._row_sizes[:, None])
+        linearised = linearised_at(self.robot, q[None], None)
+        residual = linearised.residual[0, self.robot.n :] / self._row_sizes
+        return residual, self._loop_slopes(linearised)[0]
+
+    def _loop_slopes(self, linearised: LinearisedLoops) -> Array:
+        """Compute the derivatives (T, m, f) of the dimensionless loop equations along the joints."""
+        return independent_loops_matrix(self.robot, linearised)[..., self.robot.moving]
 
     def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
         """Compute the quadratic model of |e|^2 / 2 at a pose q (nq,) with closed loops.
@@ -294,16 +312,18 @@ class PoseSearch:
             range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
                 multipliers of the loops.
         """
-        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")  # of the (m, f) loop Jacobian
-        m = R.shape[1]  # number of loop equations
-        Z = Q[:, m:]
+        J = self._loop_slopes(linearised_at(self.robot, q[None], None))[0]  # (m, f)
+        Q, R = np.linalg.qr(J.T, mode="complete")
+        Z = Q[:, len(J) :]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
+
         # the multipliers (m,) that balance the gradient of the error in the least squares
-        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
+        multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
+
         A = X[0] @ Z  # (n, n) derivatives of x along Z
         room, room_slopes = self._bounds(q, X, loops, Z)
         return _Iterate(
@@ -337,22 +357,25 @@ class PoseSearch:
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f)."""
+        """Compute x (T, n), and derivatives of x (T, n, f) and of the loops (T, m, f).
+
+        The derivatives are along the joints.
+        Angles of x are taken within half a turn of `near` (n,).
+        """
         robot = self.robot
-        derivatives = linearised.jacobian[..., robot.moving] * self._lengths  # (T, n + m, f)
-        twists, loops = np.split(derivatives, [robot.n], axis=1)
+        twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
-        return x, dx, loops / self._row_sizes[:, None]
+        return x, dx, self._loop_slopes(linearised)
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
-        """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
+        """Compute determinants (T, 2) of dx and of dq_a along the motions that the loops allow.
 
-        Bases of these motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and
-        keeps its sign where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not
-        matter.
+        X (T, n, f) and `loops` (T, m, f) are the derivatives of x and of the loop equations. Bases of these
+        motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and keeps its sign
+        where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not matter.
         """
-        Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
+        Q, _ = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
         bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
         orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
         bases[..., 0] *= orientations[:, None]
@@ -364,6 +387,6 @@ class PoseSearch:
 
 
 def _make_definite(matrix: Array) -> Array:
-    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least LEAST_CURVATURE."""
+    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least RANK_ROUNDING."""
     values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T
+    return (vectors * np.maximum(np.abs(values), RANK_ROUNDING)) @ vectors.T

@@ -23,15 +23,15 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
-    END_ROUNDING,
     FIRST_STEP_RATIO,
     MAX_PREDICTOR_MOVE,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
+    CurveEquations,
+    Curves,
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEquations, Curves
 from framework.kinematics.frames import (
     difference,
     difference_rates,
@@ -40,39 +40,44 @@ from framework.kinematics.frames import (
     largest_motion,
 )
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import count_lost_ranks, equation_sizes, type1_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    count_lost_ranks,
+    equation_sizes,
+    linearised_at,
+    type1_matrix,
+)
 from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
-from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
+from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
 TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
-KNOT_NEWTON_STEP = 1e-6  # last Newton step to a knot; guesses between knots are not more accurate than this
-POSES_AT_ONCE = 8  # a stack takes little longer than one pose; eight first steps span the path
-SHORT_PATH = 1e-4  # [lengths, rad] a path no longer than this is tried in a single step
+POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
 LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
-PLATFORM_ROUNDING = 1e-14  # [lengths, rad] platform coordinates nearer than this are the same
 
 
 class BranchPoses(NamedTuple):
     """K assembled configurations of a branch, with their tangents."""
 
     s: Array  # (K,) path coordinates
-    q: Array  # (K, nq)
-    linearised: LinearisedLoops
+    linearised: LinearisedLoops  # at these poses
     rate: Array  # (K, nv) dq/ds
 
+    @property
+    def q(self) -> Array:
+        """Configurations (K, nq)."""
+        return self.linearised.frames.q
+
     def select(self, which: slice) -> BranchPoses:
-        """Return some of the poses."""
-        linearised = self.linearised.select(which)
-        return BranchPoses(self.s[which], self.q[which], linearised, self.rate[which])
+        """Return the poses `which`."""
+        return BranchPoses(self.s[which], self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
@@ -103,7 +108,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
     distance = float(np.abs(target - reference.x).max())
-    if distance <= PLATFORM_ROUNDING * robot.length:
+    if distance == 0.0:
         return reference
     require_square(robot)
     if distance < FILE_ROUNDING * robot.length:
@@ -135,30 +140,27 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     return _follow_branch(robot, path, start.q, "the path")
 
 
-def follow_path(
-    robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
-) -> FollowedCurve:
+def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool = False) -> FollowedCurve:
     """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
-    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
-    A branch ends at a Type 1 singularity.
+    A stretch of up to `POSES_AT_ONCE` steps follows the tangent of the last pose. If not even its first step
+    is accepted, the steps are halved. The poses stay in one working mode; they may pass Type 2 singularities.
+    Springs keep the deflections of q. A branch ends at a Type 1 singularity.
 
     Args:
-        last_step: largest last Newton step to a pose, see `close_each`.
         to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
             the last pose lies just before it.
     """
     start = np.zeros(1)
-    pose = _poses_at(robot, path, start, q[None], linearised_at(robot, q[None], path(start)))
+    pose = _poses_at(robot, path, start, linearised_at(robot, q[None], path(start)))
     stretches = [pose]  # of poses followed so far, each stretch from one tangent
-    is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
-    step = 1.0 if is_short else FIRST_STEP_RATIO
+    step = FIRST_STEP_RATIO
     while pose.s[0] < 1.0:
         step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
-        s_ahead = _parameters_ahead(robot, pose, step)
-        accepted = _take_steps(robot, path, pose, s_ahead, last_step)
+
+        accepted = _take_steps(robot, path, pose, _parameters_ahead(robot, pose, step))
         if accepted is not None:
             poses, correction = accepted
             stretches.append(poses)
@@ -166,6 +168,8 @@ def follow_path(
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
+
+        # refused: the branch ends ahead, or the step is too long
         end = _type1_end(robot, path, pose) if to_the_end else None
         if end is not None:
             stretches.append(end)
@@ -180,9 +184,9 @@ def follow_path(
 
 
 def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array, last_step: float
+    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
+    """Take steps along the tangent of the pose `start` (K = 1) to path coordinates `s_ahead` (T,).
 
     All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
     step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
@@ -192,11 +196,12 @@ def _take_steps(
         The poses of the steps before the first refused one, and the correction of the last of these; None if
         the first step is refused.
     """
-    lengths = (s_ahead - start.s)[:, None]
+    lengths = (s_ahead - start.s)[:, None]  # in s, from the start
     guess = integrate(robot, start.q, lengths * start.rate)
-    ends = _close_ahead(robot, path, s_ahead, guess, last_step)
+    ends = _close_ahead(robot, path, s_ahead, guess)
     if ends is None:
         return None
+
     steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
     q = np.concatenate([start.q, ends.q[:-1]])  # configurations at the starts of the steps
     predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
@@ -204,6 +209,7 @@ def _take_steps(
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
     if not is_small[0]:
         return None
+
     ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
     curved = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
@@ -212,31 +218,25 @@ def _take_steps(
     return (ends.select(slice(count)), float(correction[count - 1])) if count else None
 
 
-def _close_ahead(
-    robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
-) -> BranchPoses | None:
+def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -> BranchPoses | None:
     """Close the loops of poses (T, nq) predicted at s (T,), up to the first that does not close.
 
     None if the first pose does not close.
     """
-    q, linearised, closed = close_each(
-        robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
-    )
+    _, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
     count = _count_leading(closed)
     if not count:
         return None
     try:
-        return _poses_at(robot, path, s[:count], q[:count], linearised.select(slice(count)))
+        return _poses_at(robot, path, s[:count], linearised.select(slice(count)))
     except NotAssembled:  # a pose is singular to the last bit and has no tangent
-        return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if count > 1 else None
+        return _close_ahead(robot, path, s[:1], predicted[:1]) if count > 1 else None
 
 
-def _poses_at(
-    robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
-) -> BranchPoses:
-    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds, springs at rest."""
+def _poses_at(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
+    """Return the poses of `linearised` at s (K,) with their tangents dq/ds, springs at rest."""
     twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(s, q, linearised, joint_rates(robot, linearised, twist))
+    return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
@@ -245,22 +245,23 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
     Only those are returned to which the tangent may be followed, see `MAX_PREDICTOR_MOVE`, but at least one.
     """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
-    speed = largest_motion(robot, pose.rate)[0]
+    speed = largest_motion(robot, pose.rate)[0]  # of the fastest joint along s
     s_ahead = pose.s + lengths
     allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
     s_ahead = s_ahead[allowed]
-    return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
+    return np.where(s_ahead > 1.0 - SAME_PLACE, 1.0, s_ahead)
 
 
 def _count_leading(flags: BoolArray) -> int:
     """Count the leading true flags of K flags (K,)."""
-    return len(flags) if flags.all() else int(np.argmin(flags))
+    return int(np.cumprod(flags).sum())
 
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
     """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
-    sizes, at_rest = equation_sizes(robot), np.zeros((1, robot.nv))
+    sizes = equation_sizes(robot)
+    at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
         """Compute the n + m equations and their derivatives at q (T, nq) and s = `share` (T,)."""
@@ -275,15 +276,18 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     ahead = Curves(robot, robot.moving, at_rest, evaluate).find_turning_points(pose.q, pose.s)
     if not ahead.found[0]:
         return None
-    return BranchPoses(ahead.share, ahead.q, ahead.linearised, at_rest)  # dq/ds is infinite: none is given
+    return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
-    """Follow the branch along the path from the pose q (nq,) at s = 0.
+    """Follow the branch along the whole path from the pose q (nq,) at s = 0.
 
     `subject` is the name of the path in errors.
+
+    Raises:
+        OutOfReach, Type1Singularity, UncontrolledMotions: the branch ends early.
     """
-    followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
+    followed = follow_path(robot, path, q, to_the_end=True)
     if not followed.complete:
         raise _branch_end_error(robot, path, followed, subject)
     offset = difference(robot, q, followed.q)
@@ -294,9 +298,10 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
 def _branch_end_error(
     robot: ParallelRobot, path: Path, followed: FollowedCurve, subject: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for a branch that ends early.
+    """Return the error for a branch that could only be `followed` to an early end.
 
-    At such an end either the loops lose rank, or a leg is stretched or folded.
+    At such an end either the loops lose rank, or a leg is stretched or folded. `subject` is the name of the
+    path in the message.
     """
     last = followed.last
     s, linearised = float(last.s[0]), last.linearised
@@ -326,13 +331,13 @@ def _branch_end_error(
 
 
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
+    """Return the name of the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
 
     Of all motors it moves most in the joint motion that moves the platform least.
     """
     matrix = type1_matrix(robot, linearised)[0]
-    motion = np.linalg.svd(matrix).Vh[-1]  # (moving,) of the least singular value, motors first
-    motor = np.argmax(np.abs(motion[: robot.n_a]))
+    least_motion = np.linalg.svd(matrix).Vh[-1]  # (moving,) of the least singular value, motors first
+    motor = np.argmax(np.abs(least_motion[: robot.n_a]))
     return robot.actuator_names[motor]
 
 
@@ -352,7 +357,7 @@ def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
-    """Return the error for `count` uncontrolled motions at s, platform x (n,)."""
+    """Return the error for `count` uncontrolled motions at s and platform x (n,), with a `reason`."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "

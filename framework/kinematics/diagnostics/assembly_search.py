@@ -1,4 +1,4 @@
-"""Search for closed poses within the joints' limits from several starts, if the reference is not closed.
+"""Search for a closed pose within the joints' limits, from several starts around the reference.
 
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
 succeed from the same start. The first start of a group is the reference itself. The others are drawn around
@@ -23,25 +23,18 @@ from framework.kinematics.closures import (
     direction_gap_derivatives,
     direction_gaps,
     find_flipped_closure,
-    loop_equations,
-    row_weights,
-    scale_jacobian,
+    scaled_equations,
 )
-from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns
+from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles
-from framework.tolerances import LOOP_GAP
+from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
 ENOUGH_POSES = 8  # number of closed poses of a group after which the search ends
 START_SPREADS = (0.25, 0.5, 1.0)  # shares of each joint's range from which starts are drawn, in turn
-RANDOM_SEED = 0
-# Least distance between limits [rad, robot lengths], or relative to their distance from the reference if
-# larger.
-MIN_JOINT_ROOM = 1e-9
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
 # solver takes steps of least norm (lsmr), because there are more joints than independent equations.
@@ -74,7 +67,7 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper):
         u[group.columns] = _find_nearest_offsets(group)
-    step = u * mechanism.column_scale
+    step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
     farthest = int(np.argmax(np.abs(u)))
     distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
@@ -91,24 +84,23 @@ class _Group:
     mechanism: Mechanism
     rows: LoopRows
     directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
-    columns: IntArray  # (k,)
-    lower: Array  # (k,) limits of the joints, else infinite
-    upper: Array  # (k,)
+    columns: IntArray  # (k,) columns of the joints
+    lower: Array  # (k,) least offsets within the limits; infinite without limits
+    upper: Array  # (k,) largest offsets within the limits
 
     def gap(self, u: Array) -> Array:
-        """Compute residuals (m + 3 d,): m loop equations [robot lengths or rad], then d direction gaps."""
+        """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
         frames = self._frames(u)
-        residual = loop_equations(self.rows, frames).residual[0]
-        equations = row_weights(self.mechanism, self.rows.rotation) * residual
-        return np.concatenate([equations, direction_gaps(self.directions, frames).ravel()])
+        equations = scaled_equations(self.mechanism, self.rows, frames)
+        return np.concatenate([equations.residual[0], direction_gaps(self.directions, frames).ravel()])
 
     def slope(self, u: Array) -> Array:
-        """Compute the derivative (m + 3 d, k) of `gap` along the k joints."""
+        """Compute the derivative (m + 3 d, k) of `gap` along u."""
         frames = self._frames(u)
-        jacobian = loop_equations(self.rows, frames).jacobian
-        rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
+        equations = scaled_equations(self.mechanism, self.rows, frames)
         vectors = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
-        return np.concatenate([rows, vectors.reshape(-1, self.mechanism.nv)])[:, self.columns]
+        rows = [equations.jacobian[0], vectors.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
+        return np.concatenate(rows)[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start that close the loops best, and their largest residual."""
@@ -118,7 +110,7 @@ class _Group:
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
-        """Find the smallest offsets u (k,) that nearly close the loops.
+        """Find the smallest offsets u (k,) near a start that nearly close the loops.
 
         They minimise the sum of the squares of u and of gap / `GAP_PER_RADIAN`.
         """
@@ -162,6 +154,7 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     depends[:, mechanism.elastic] = False
     shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
+
     groups, directions = [], mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
@@ -177,9 +170,9 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
     reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
     lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
-    # the solver refuses equal bounds, so a little room is left between equal limits
+    # the solver refuses equal bounds, so equal limits are moved apart as far as places are still the same
     limited = np.isfinite(lower)
-    room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
+    room = SAME_PLACE * np.maximum(np.abs(lower[limited]), 1.0)
     upper[limited] = np.maximum(upper[limited], lower[limited] + room)
     return lower, upper
 
@@ -192,12 +185,13 @@ def _find_nearest_offsets(group: _Group) -> Array:
     """
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
-    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits
+    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits: half a turn, a length of the robot
     low = np.where(limited, group.lower, -half_range)
     high = np.where(limited, group.upper, half_range)
     reference = np.clip(0.0, low, high)
-    rng = np.random.default_rng(RANDOM_SEED)
-    poses: list[Array] = []
+
+    rng = np.random.default_rng(0)
+    poses: list[Array] = []  # offsets (k,) that close the loops
     best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0  # the first start is the reference
@@ -217,7 +211,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; offsets `u` (k,) have the least gap."""
     mechanism, q = group.mechanism, group.configuration(u)
-    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # without directions
+    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # of the loop equations, without directions
     row = np.argmax(gap)
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length

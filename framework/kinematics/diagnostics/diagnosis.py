@@ -1,4 +1,8 @@
-"""Diagnosis of a robot before anything is planned: mobility, rank, masses, closure, modes."""
+"""Diagnosis of a robot before anything is planned, and the description of one pose.
+
+`check_robot` reports mobility, rank, masses, closure and modes; `describe_pose` reports joints, platform,
+modes and exceeded limits by the names of the robot file.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +21,18 @@ from framework.kinematics.diagnostics.mobility import (
     examine_platform_axes,
 )
 from framework.kinematics.frames import difference
-from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.kinematics.loop_matrices import clearance
-from framework.kinematics.loop_structure import independent_rows
+from framework.kinematics.linearised_loops import assembled_at, clearance, linearised_at_reference
+from framework.kinematics.loop_structure import assemble_mechanism, numerical_rank, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import moving_bodies, remark_on_turns, remarks_on_bodies
 from framework.kinematics.modes import mode_signs
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.numerics.arrays import Names
-from framework.tolerances import BRANCHES_MEET, HELD_IDLE
+from framework.numerics.arrays import Array, ArrayLike, Names
+from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE
 
-MOVED_REFERENCE = (
-    1e-3  # [rad, robot lengths] larger motions of a joint are not due to rounding to four digits
-)
+# [rad, robot lengths] larger motions of a joint are not due to the rounding of drawings
+MOVED_REFERENCE = 10 * EXPORT_ROUNDING
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,14 @@ class Diagnosis:
     springs: Names
     mobility: int  # degrees of freedom with all springs locked, idle ones included
     redundant_motors: int  # actuators beyond the mobility without idle freedoms
-    loop_equations: int
-    rank: int
+    loop_equations: int  # number of all loop equations
+    rank: int  # number of independent loop equations
     redundant_rows: Names  # closure.axis
     mass: float  # [kg]
     massless_joints: Names  # joints whose own body has no mass
     closure_error: float  # [m or rad] at the reference
     reference: dict[str, float]  # positions of the assembled reference [rad, m]
-    platform: tuple[float, ...]
+    platform: tuple[float, ...]  # coordinates of the platform at the assembled reference
     working_mode: int  # sign, which changes at Type 1; 0 unless `square`
     assembly_mode: int  # sign, which changes at Type 2; 0 unless `square`
     smallest_singular_value: float | None  # of P, dimensionless; None unless `square` and P has columns
@@ -163,13 +164,13 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
 
 
 def reference_in_words(mechanism: Mechanism) -> str:
-    """Name the reference of a robot in words: the one in its file or the default."""
+    """Name the reference of a mechanism in words: the one in its file or the default."""
     stated = mechanism.description.reference
     return "the reference that is given" if stated else "the default reference (all zero)"
 
 
 def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute the signs of working and assembly mode of the reference, and its clearance."""
+    """Compute the signs of both modes and the clearance at the reference."""
     linearised = linearised_at_reference(robot)
     working, assembly = mode_signs(robot, linearised)
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
@@ -220,7 +221,10 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
 
 
 def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
-    """Yield advice on loops, springs and dry friction of a robot."""
+    """Yield advice on loops, springs and dry friction.
+
+    `redundant` are the names of loop equations that follow from others.
+    """
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
         yield (
@@ -262,15 +266,63 @@ def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
-    """Describe closures without which the freedoms suffice for the platform axes; empty without any."""
+    """Name closures without one of which the freedoms, now `mobility`, suffice for the platform's axes.
+
+    Empty if the freedoms suffice, or without such closures.
+    """
     if mobility >= robot.n:
         return ""
     names = []
     loops = joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
-        rank = len(independent_rows(loops[others])) if others else 0
+        rank = numerical_rank(loops[others]) if others else 0
         gained = len(robot.structure.independent) - rank  # freedoms gained without the closure
         if mobility + gained >= robot.n:
             names.append(closure.name)
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """An assembled pose: angles [rad] with whole turns of hinges, slides [m]."""
+
+    robot: str
+    flexibility: str
+    platform: dict[str, float]  # by axis
+    motor_joints: dict[str, float]  # joint side of the gears
+    motor_angles: dict[str, float]  # motor side: gear ratio times joint position
+    joints: dict[str, float]  # all joints of the URDF, actuated ones included
+    working_mode: int  # sign, which changes at Type 1
+    assembly_mode: int  # sign, which changes at Type 2
+    closure_error: float  # largest residual of all loop equations, redundant ones included [m or rad]
+    exceeded: dict[str, str]  # joints beyond their limits in the URDF, with position and limit
+
+
+def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
+    """Describe an assembled configuration q (nq,): coordinates by name, modes, exceeded limits.
+
+    Raises:
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
+    """
+    expect_robot(robot)
+    closed = assembled_at(robot, q)
+    working_sign, assembly_sign = mode_signs(robot, closed.linearised)
+    motors = robot.actuated_coordinates(closed.q)[0]
+    return Pose(
+        robot=robot.name,
+        flexibility=robot.flexibility,
+        platform=_name_values(robot.axis_names, closed.x[0]),
+        motor_joints=_name_values(robot.actuator_names, motors),
+        motor_angles=_name_values(robot.actuator_names, robot.gear_ratio * motors),
+        joints=robot.reference_values(closed.q[0]),
+        working_mode=int(working_sign[0]),
+        assembly_mode=int(assembly_sign[0]),
+        closure_error=float(closed.linearised.gap[0]),
+        exceeded=positions_beyond_limits(robot.limits, closed.q),
+    )
+
+
+def _name_values(names: Names, values: Array) -> dict[str, float]:
+    """Return a mapping of `names` to `values` (k,)."""
+    return dict(zip(names, values.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""The freedoms of a robot, with idle and loose motions, and proposals for the platform's axes.
+"""The freedoms of a robot or mechanism, with idle and loose motions, and proposals for the platform's axes.
 
 At a configuration the joints have f freedoms: joints less independent loop equations, springs locked. A
 motion that moves neither a motor nor a platform coordinate is of one of two kinds:
@@ -10,28 +10,43 @@ motion that moves neither a motor nor a platform coordinate is of one of two kin
 
 If the platform cannot move along an axis at a single pose, the pose is singular; this is not a property of
 the mechanism. So an axis counts as stuck only if it is also stuck at neighbouring closed poses.
+
+`LoopMotions` are the motions of a mechanism that has no platform yet, from which `proposal` chooses one. All
+motions are in radians and lengths of the robot.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
+from framework.errors import NotAssembled
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
+from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at, full_motion
-from framework.kinematics.loop_structure import motion_matrix, pivot_rows
-from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.loop_structure import (
+    assemble_mechanism,
+    choose_rows,
+    motion_matrix,
+    numerical_rank,
+    rounded_gap,
+)
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import AXES
+from framework.kinematics.tree_model import positions_beyond_limits
+from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
-MAX_PROPOSALS = 4
+MAX_LISTED = 4  # number of proposals, or of joints, that a message lists
+BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
 
 
 class Mobility(NamedTuple):
@@ -62,6 +77,7 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     motions = _free_motions(robot, q)  # (nv, f)
     driven_rates = np.concatenate([_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]])
     undriven = motions @ null_space(driven_rates @ motions)  # (nv, k) neither motors nor platform move
+
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
     idle = _choose_joints(undriven @ without_mass)
@@ -108,6 +124,8 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
 
     Args:
         twists: (6, f) at each pose, twists of the frame in the f motions that the loops allow.
+        freedoms: number of axes in a set.
+        stated: axes of the robot file.
     """
     if not freedoms:
         return ()
@@ -122,22 +140,22 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
             proposals.append(names)
         elif freedoms == 2 and min(axes) >= 3:
             proposals.append(stated[::-1])
-    return tuple(proposals[:MAX_PROPOSALS])
+    return tuple(proposals[:MAX_LISTED])
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
-    """Compute orthonormal joint motions (nv, f) that loops of a rank allow at q [rad, robot lengths]."""
+    """Compute orthonormal joint motions (nv, f) that loops of a `rank` allow at q (nq,)."""
     null_vectors = np.linalg.svd(joint_loops_matrix(robot, q)).Vh[rank:]  # (f, joints)
     return full_motion(robot, robot.joints, null_vectors).T
 
 
 def _free_motions(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal joint motions (nv, f) that the loops allow at q [rad, robot lengths]."""
+    """Compute orthonormal joint motions (nv, f) that the robot's loops allow at q (nq,)."""
     return find_free_motions(robot, q, len(robot.structure.independent))
 
 
 def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal combinations (n, k) of platform rates that are zero in all motions at q."""
+    """Compute orthonormal combinations (n, k) of platform rates that are zero in all motions at q (nq,)."""
     return null_space((_platform_rates(robot, q) @ _free_motions(robot, q)).T)
 
 
@@ -159,7 +177,7 @@ def scaled_twists(robot: Mechanism, twists: Array) -> Array:
 
 
 def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
-    """Compute the Jacobian (3 b, nv) of the mass centres of b bodies at q (nq,) [robot lengths]."""
+    """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
     velocities = [np.empty((0, model.nv))]
@@ -172,8 +190,8 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
-    """Name the axes of immovable combinations (n, k): single axes first, then the mixed ones."""
-    # 1 if the axis is immovable by itself, 0 if it is in no combination
+    """Write immovable combinations `stuck` (n, k) of the axes `names`: single ones first, then mixed ones."""
+    # the norm is 1 if the axis is immovable by itself, 0 if it is in no combination
     sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
     alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
@@ -202,5 +220,111 @@ def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int,
     if not motions.shape[1]:
         return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)
-    pivots = pivot_rows(motions[joints])[: motions.shape[1]]
-    return tuple(np.sort(joints[pivots]).tolist())
+    return tuple(joints[choose_rows(motions[joints], motions.shape[1])].tolist())
+
+
+class LoopMotions(NamedTuple):
+    """A mechanism at a closed pose, with the motions that its loops allow."""
+
+    mechanism: Mechanism
+    q: Array  # (nq,) the closed pose
+    basis: Array  # (nv, f) all motions, orthonormal
+    working: Array  # (nv, w) the motions that move a mass or a motor
+    remarks: tuple[str, ...]  # on the pose
+
+    @property
+    def freedoms(self) -> int:
+        """Number of the working motions."""
+        return self.working.shape[1]
+
+    def rates(self, names: Iterable[str]) -> Array:
+        """Return the rates (k, w) of the joints `names` in the working motions."""
+        return self.working[velocity_columns(self.mechanism.model, names)]
+
+    def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
+        """Choose joints with independent rates in `motions` (nv, k) from `names`, in this order."""
+        chosen: list[str] = []
+        for name in names:
+            rows = motions[velocity_columns(self.mechanism.model, [*chosen, name])]
+            if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
+                chosen.append(name)
+        return chosen
+
+
+def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
+    """Return the motions at the nearest closed pose within the joints' limits.
+
+    None if the reference of the file is within the limits, or if no closed pose within them is found.
+    """
+    mechanism = Mechanism.from_description(description)
+    if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
+        return None
+    try:
+        pose = find_closed_pose(mechanism)
+        within = motions_near_reference(replace(description, reference=mechanism.reference_values(pose.q)))
+    except NotAssembled:
+        return None
+    remark = (
+        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
+        f"the file's, from which nothing can be proposed"
+    )
+    return within._replace(remarks=(remark, *within.remarks))
+
+
+def motions_near_reference(description: RobotDescription) -> LoopMotions:
+    """Return the motions at the closed reference, or at a nearby pose with more independent loops."""
+    mechanism, remarks = _assemble(Mechanism.from_description(description))
+    poses = [mechanism.q_near, *nearby_configurations(mechanism, mechanism.q_near)]
+    ranks = [numerical_rank(joint_loops_matrix(mechanism, pose)) for pose in poses]
+    rank = max(ranks)
+    chosen = ranks.index(rank)  # the first, which is the reference unless that is singular
+    if chosen > 0:
+        remarks.append(BESIDE_SINGULARITY)
+    q = poses[chosen]
+    basis = find_free_motions(mechanism, q, rank)
+    return LoopMotions(mechanism, q, basis, _working_motions(mechanism, q, basis), tuple(remarks))
+
+
+def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
+    """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
+
+    If the loops do not close near the reference, the nearest closed pose is sought.
+    """
+    try:
+        assembled, closing = assemble_mechanism(mechanism)
+    except NotAssembled:
+        pose = find_closed_pose(mechanism)
+        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
+        remark = (
+            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
+            f"are {gap:.2g} m or rad open"
+        )
+        return replace(mechanism, q_near=pose.q), [remark]
+    remarks = []
+    if assembled.rounded.names:
+        gap = rounded_gap(assembled, closing.q[None])
+        remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
+    return replace(assembled, q_near=closing.q), remarks
+
+
+def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
+    """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor at q (nq,).
+
+    Joints of couplings, such as those of a thread, count as motors, unless no body has mass.
+    """
+    description = mechanism.description
+    velocities = mass_centre_jacobian(mechanism, q) @ basis
+    with_mass, without_mass = row_and_null_space(velocities, NEARLY_AT_REST)
+    idle = basis @ without_mass
+
+    motors = list(description.motor_joints)
+    if velocities.any():
+        motors += coupled_joints(description)
+    motor_rates = idle[velocity_columns(mechanism.model, motors)]  # of the motors in the idle motions
+    with_motor, _ = row_and_null_space(motor_rates, NEARLY_AT_REST)
+    return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
+
+
+def coupled_joints(description: RobotDescription) -> list[str]:
+    """Return the names of the joints of all couplings."""
+    return [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]

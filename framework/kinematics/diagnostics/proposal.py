@@ -11,34 +11,31 @@ robot must assemble, its platform must move along each axis, and its motors must
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import comb
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr
 
-from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
-from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.errors import FrameworkError, RobotFileError, SingularReference
 from framework.kinematics.diagnostics.mobility import (
+    BESIDE_SINGULARITY,
+    MAX_LISTED,
     PROPOSED_AXES_CLEARANCE,
+    LoopMotions,
     count_freedoms,
+    coupled_joints,
     examine_platform_axes,
-    find_free_motions,
-    mass_centre_jacobian,
+    motions_near_reference,
+    motions_within_limits,
     null_space,
-    row_and_null_space,
     scaled_twists,
 )
-from framework.kinematics.loop_structure import independent_rows
-from framework.kinematics.mechanism import Mechanism, frame_index, velocity_columns
+from framework.kinematics.loop_structure import choose_rows
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
-from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
@@ -47,47 +44,17 @@ from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # number of platforms that are tried
-MAX_SHOWN = 6  # number of joints that a message names
 MAX_CHOICES = 20_000  # number of sets of motors compared one by one; if there are more, pivoting chooses
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
-BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
 # Parts of the usual names of tools and platforms.
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
-
-
-class _Motions(NamedTuple):
-    """A mechanism at a closed pose, with the motions that its loops allow."""
-
-    mechanism: Mechanism
-    q: Array  # (nq,)
-    basis: Array  # (nv, f) all motions, orthonormal in radians and lengths of the robot
-    working: Array  # (nv, w) the motions that move a mass or a motor
-    remarks: tuple[str, ...]  # on the pose
-
-    @property
-    def freedoms(self) -> int:
-        """Number of the working motions."""
-        return self.working.shape[1]
-
-    def rates(self, names: Iterable[str]) -> Array:
-        """Return the rates (k, w) of k named joints in the working motions."""
-        return self.working[velocity_columns(self.mechanism.model, names)]
-
-    def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
-        """Choose from `names`, in this order, joints with independent rates in motions (nv, k)."""
-        chosen: list[str] = []
-        for name in names:
-            rows = motions[velocity_columns(self.mechanism.model, [*chosen, name])]
-            if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
-                chosen.append(name)
-        return chosen
 
 
 class _UndrivenMotions(RobotFileError):
     """The error for motions that no motor drives: `joints` can be held, for the reason `why`."""
 
-    def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
-        """Store the joints to hold, the reason, and the closed pose as reference values by name."""
+    def __init__(self, message: str, motions: LoopMotions, joints: Sequence[str], why: str) -> None:
+        """Store the message, the joints to hold, the reason `why`, and the closed pose as a reference."""
         super().__init__(message)
         self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)
@@ -147,20 +114,26 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _complete_at_pose(known, _motions_near_reference(known.description), by_joints=by_joints)
+        return _complete_at_pose(known, motions_near_reference(known.description), by_joints=by_joints)
     except SingularReference as singular:
-        beside = _motions_near_reference(replace(known.description, reference=singular.poses[0]))
+        beside = motions_near_reference(replace(known.description, reference=singular.poses[0]))
         beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
         return _complete_at_pose(known, beside, by_joints=by_joints)
     except RobotFileError:
-        within = _close_within_limits(known.description)
+        within = motions_within_limits(known.description)
         if within is None:
             raise
     return _complete_at_pose(known, within, by_joints=by_joints)
 
 
-def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
-    """Choose the motors at a closed pose, then the first platform that is driven."""
+def _complete_at_pose(known: PartialRobot, motions: LoopMotions, *, by_joints: bool) -> PartialRobot:
+    """Choose motors at a closed pose, then the first platform that the motors drive.
+
+    Frames are tried first, then, if `by_joints`, positions of joints.
+
+    Raises:
+        RobotFileError: nothing can be proposed.
+    """
     if not motions.freedoms:
         raise _no_freedom_error(motions, known)
     known = _choose_motors(motions, known)
@@ -180,6 +153,7 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
             why = f"no body is moved by all of the motors{alternative}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
             return known.with_platform(platform, remark)
+
     if joint_platforms:  # the construction of the robot may raise a more precise error
         ParallelRobot.from_description(replace(known.description, platform=joint_platforms[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
@@ -191,7 +165,7 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
     )
 
 
-def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
+def _choose_motors(motions: LoopMotions, known: PartialRobot) -> PartialRobot:
     """Return the content of the file with the closed pose as reference and with motors.
 
     If the file has more motors than there are freedoms, the best ones are chosen, unless options name the
@@ -215,14 +189,14 @@ def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
     return known._replace(description=description, remarks=(*known.remarks, *remarks))
 
 
-def _no_freedom_error(motions: _Motions, known: PartialRobot) -> RobotFileError:
+def _no_freedom_error(motions: LoopMotions, known: PartialRobot) -> RobotFileError:
     """Return the error for loops that allow no motion of a mass."""
     if motions.basis.shape[1] and not motions.mechanism.mass:
         return RobotFileError("no link that moves has a mass: an inertia is missing")
     names = sorted(_loop_joint_names(known))
-    shown = ", ".join(names[:MAX_SHOWN])
-    if len(names) > MAX_SHOWN:
-        shown += f" and {len(names) - MAX_SHOWN} more"
+    shown = ", ".join(names[:MAX_LISTED])
+    if len(names) > MAX_LISTED:
+        shown += f" and {len(names) - MAX_LISTED} more"
     return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
@@ -262,79 +236,7 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
     return [joint.name for chain in chains for joint in chain]
 
 
-def _close_within_limits(description: RobotDescription) -> _Motions | None:
-    """Return the motions at the nearest closed pose within the joints' limits.
-
-    None if the reference of the file is within the limits, or if no closed pose within them is found.
-    """
-    mechanism = Mechanism.from_description(description)
-    if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
-        return None
-    try:
-        pose = find_closed_pose(mechanism)
-        within = _motions_near_reference(replace(description, reference=mechanism.reference_values(pose.q)))
-    except NotAssembled:
-        return None
-    remark = (
-        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
-        f"the file's, from which nothing can be proposed"
-    )
-    return within._replace(remarks=(remark, *within.remarks))
-
-
-def _motions_near_reference(description: RobotDescription) -> _Motions:
-    """Return the motions at the closed reference, or at a nearby pose with more independent loops."""
-    mechanism, remarks = _assemble(Mechanism.from_description(description))
-    poses = [mechanism.q_near, *nearby_configurations(mechanism, mechanism.q_near)]
-    ranks = [len(independent_rows(joint_loops_matrix(mechanism, pose))) for pose in poses]
-    rank = max(ranks)
-    chosen = ranks.index(rank)  # the first, which is the reference unless that is singular
-    if chosen > 0:
-        remarks.append(BESIDE_SINGULARITY)
-    q = poses[chosen]
-    basis = find_free_motions(mechanism, q, rank)
-    return _Motions(mechanism, q, basis, _working_motions(mechanism, q, basis), tuple(remarks))
-
-
-def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
-    """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
-
-    If the loops do not close near the reference, the nearest closed pose is sought.
-    """
-    try:
-        assembled, closing = assemble_mechanism(mechanism)
-    except NotAssembled:
-        pose = find_closed_pose(mechanism)
-        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
-        remark = (
-            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
-            f"are {gap:.2g} m or rad open"
-        )
-        return replace(mechanism, q_near=pose.q), [remark]
-    remarks = []
-    if assembled.rounded.names:
-        gap = rounded_gap(assembled, closing.q[None])
-        remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
-    return replace(assembled, q_near=closing.q), remarks
-
-
-def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
-    """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor.
-
-    Joints of couplings, such as those of a thread, count as motors, unless no body has mass.
-    """
-    description = mechanism.description
-    velocities = mass_centre_jacobian(mechanism, q) @ basis
-    with_mass, without_mass = row_and_null_space(velocities, NEARLY_AT_REST)
-    idle = basis @ without_mass
-    motors = list(description.motor_joints)
-    if velocities.any():
-        motors += _coupled_joints(description)
-    with_motor, _ = row_and_null_space(idle[velocity_columns(mechanism.model, motors)], NEARLY_AT_REST)
-    return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
-
-
-def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
+def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
     """Choose joints whose rates determine the working motions.
 
     Joints that the file suggests as motors come first, then those nearest to the base.
@@ -344,7 +246,7 @@ def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
     return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
 
 
-def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
+def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
     """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
     Raises:
@@ -353,23 +255,22 @@ def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
-        _, _, pivots = qr(rates.T, pivoting=True)
-        return [names[i] for i in sorted(pivots[:count])]
+        return [names[i] for i in choose_rows(rates, count)]
 
-    choices = list(combinations(names, count))
-    indices = np.array(list(combinations(range(len(names)), count)))  # (choices, count)
-    clearances = singular_values(rates[indices])[:, -1]  # (choices,) least singular values
-    best, second, *_ = np.argsort(-clearances, kind="stable").tolist()
-    alike = (1.0 - ALIKE_CHOICES) * clearances[best]
-    if clearances[best] > FILE_ROUNDING and clearances[second] > alike:
+    choices = np.array(list(combinations(range(len(names)), count)))  # (choices, count) indices of motors
+    clearances = singular_values(rates[choices])[:, -1]  # (choices,) least singular values
+    best_two = np.argsort(-clearances, kind="stable")[:2]
+    largest, second_largest = clearances[best_two]
+    best, second = ([names[i] for i in choice] for choice in choices[best_two])
+    if largest > FILE_ROUNDING and second_largest > (1.0 - ALIKE_CHOICES) * largest:
         raise RobotFileError(
             f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
-            f"{' '.join(choices[best])} or --motors {' '.join(choices[second])}"
+            f"{' '.join(best)} or --motors {' '.join(second)}"
         )
-    return list(choices[best])
+    return best
 
 
-def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRobot) -> list[str]:
+def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, known: PartialRobot) -> list[str]:
     """Choose joints that, when locked, stop all unwanted motions (nv, k); empty if no choice does.
 
     Passive joints with springs come first, then those far from the base. If these do not suffice, all serial
@@ -377,7 +278,7 @@ def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRob
     """
     tree, description = known.tree, known.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
-    names = dict.fromkeys([*springs, *reversed(tree.movable)])
+    names = dict.fromkeys([*springs, *reversed(tree.movable)])  # in order of preference, without repetitions
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.choose_independent(unwanted, passive)
     if len(to_lock) == unwanted.shape[1]:
@@ -387,7 +288,7 @@ def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRob
     return serial if len(freedoms) == unwanted.shape[1] else []
 
 
-def _check_driven(motions: _Motions, known: PartialRobot) -> None:
+def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
     """Refuse a mechanism with motions that no motor determines; propose joints to lock.
 
     Raises:
@@ -414,40 +315,32 @@ def _check_driven(motions: _Motions, known: PartialRobot) -> None:
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
         why = "springs that no motor drives, taken as rigid; --motors chooses other motors"
         raise _UndrivenMotions(message, motions, to_hold, why)
-    # (nv, n_a) joint rates for unit motor rates
-    driven = motions.working @ np.linalg.pinv(motions.rates(motors))
-    for _, twists in _frame_twists(motions, known.tree):
-        speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame for a unit rate of each motor
-        if np.all(speeds > FILE_ROUNDING) and np.abs(twists @ undriven).max() < FILE_ROUNDING:
-            why = (
-                "no motor drives them, and a body that all motors move rests when they turn; --motors "
-                "chooses other motors"
-            )
-            raise _UndrivenMotions(message, motions, to_hold, why)
+    if any(np.abs(twists @ undriven).max() < FILE_ROUNDING for _, _, twists in _moved_frames(motions, known)):
+        why = (
+            "no motor drives them, and a body that all motors move rests when they turn; --motors chooses "
+            "other motors"
+        )
+        raise _UndrivenMotions(message, motions, to_hold, why)
     raise RobotFileError(message)
 
 
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(motions: _Motions, known: PartialRobot) -> list[Platform]:
+def _likely_platforms(motions: LoopMotions, known: PartialRobot) -> list[Platform]:
     """Return platforms to try, most likely first, on frames that every motor moves."""
-    motions_by_motor = np.linalg.pinv(motions.rates(known.description.motor_joints))  # (w, n_a)
     scored: list[tuple[float, Platform]] = []
-    for number, (frame, joint_twists) in enumerate(_frame_twists(motions, known.tree)):
-        twists = joint_twists @ motions.working  # (6, w)
-        speeds = np.linalg.norm(twists @ motions_by_motor, axis=0)  # (n_a,)
-        if not np.all(speeds > FILE_ROUNDING):
-            continue
+    for number, frame, joint_twists in _moved_frames(motions, known):
         # frames named like a tool come first, then frames in the order of the file
         frame_score = any(tool in frame.lower() for tool in NAMES_OF_TOOLS) - 0.001 * number
+        twists = joint_twists @ motions.working  # (6, w)
         for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, known):
             scored.append((axes_score + frame_score, platform))
     scored.sort(key=lambda entry: -entry[0])
     return [platform for _, platform in scored[:MAX_TRIED]]
 
 
-def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platform]:
+def _joint_platforms(motions: LoopMotions, known: PartialRobot) -> Iterator[Platform]:
     """Yield platforms whose coordinates are joints: first joints without motors, then with motors."""
     tree, motors, count = known.tree, known.description.motor_joints, motions.freedoms
     without_motors = [name for name in tree.movable if name not in motors]
@@ -455,8 +348,7 @@ def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platfor
         if len(names) < count:
             continue
         rates = motions.rates(names)
-        _, _, pivots = qr(rates.T, pivoting=True)
-        chosen = sorted(pivots[:count])  # the joints with the most independent rates
+        chosen = choose_rows(rates, count)
         if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
             yield Platform(tree.joints[joints[-1]].child, (), joints)
@@ -502,16 +394,24 @@ def _turns_about_a_point(twists: Array) -> bool:
     return bool(rests and np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1)
 
 
-def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Array]]:
-    """Yield each frame with its twists (6, nv) for unit joint rates [rad, robot lengths]."""
+def _moved_frames(motions: LoopMotions, known: PartialRobot) -> Iterator[tuple[int, str, Array]]:
+    """Yield number, name and twists (6, nv) for unit joint rates of each frame that every motor moves.
+
+    The twists are on base axes, at the frame's origin [rad, robot lengths].
+    """
     mechanism, model = motions.mechanism, motions.mechanism.model
     data = model.createData()
     pin.computeJointJacobians(model, data, motions.q)
     pin.updateFramePlacements(model, data)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    for frame in tree.frames:
-        twists = pin.getFrameJacobian(model, data, frame_index(model, frame), axes).reshape(6, model.nv)
-        yield frame, scaled_twists(mechanism, twists)
+    # (nv, n_a) joint rates at unit rates of the motors
+    driven = motions.working @ np.linalg.pinv(motions.rates(known.description.motor_joints))
+    for number, frame in enumerate(known.tree.frames):
+        jacobian = pin.getFrameJacobian(model, data, frame_index(model, frame), axes).reshape(6, model.nv)
+        twists = scaled_twists(mechanism, jacobian)
+        speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame
+        if np.all(speeds > FILE_ROUNDING):
+            yield number, frame, twists
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
@@ -529,14 +429,9 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _coupled_joints(description: RobotDescription) -> list[str]:
-    """Return the names of the joints of all couplings."""
-    return [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
-
-
 def _loop_joint_names(known: PartialRobot) -> set[str]:
     """Return the names of the joints in loops and couplings."""
-    needed = set(_coupled_joints(known.description))
+    needed = set(coupled_joints(known.description))
     for closure in known.description.closures:
         needed.update(_loop_joints(known.tree, closure))
     return needed
@@ -558,7 +453,8 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
     frame = options.platform or (known.platform.frame if known.platform else None)
     if frame is not None:
         used |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
-    carrying: set[str] = set()
+
+    carrying: set[str] = set()  # joints that carry a loop
     for name in _loop_joint_names(known):
         carrying.update(joint.name for joint in tree.path_to_base(tree.joints[name].parent))
     serial = [name for name in _serial_joints(known) if name not in used]
@@ -566,7 +462,7 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
 
 
 def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
-    """Lock joints at the reference, edit the description accordingly, and add a remark."""
+    """Lock joints at the reference, edit the description accordingly, and remark `why`."""
     if not joints:
         return known
     tree, description = known.tree, known.description

@@ -31,8 +31,7 @@ from framework.dynamics.forces import balanced_forces, inertial_forces, motor_to
 from framework.dynamics.motor_friction import speed_signs
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at
-from framework.kinematics.loop_matrices import passive_motion, type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, passive_motion, type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array

@@ -17,8 +17,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from framework import locate_singularities
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import passive_matrix, passive_motion
+from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, passive_motion
 from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import Border, differentiate_g, root_of_g, solve_bordered, stencil
 from tests.benchmarks.chart import closed_form

@@ -14,8 +14,7 @@ import numpy as np
 from framework import NoAnswer, ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import linearised_at, type1_matrix
 
 SAME = 1e-6  # [rad, robot lengths] between two ways to a pose of one branch
 STEPS = (64, 1024, 16384)  # the finer ones where the others do not agree

@@ -8,11 +8,10 @@ import pytest
 import robots
 from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, forward_kinematics, plan_scene
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.continuation.pose_stack import follow_motors, forward_kinematics_stack
+from framework.kinematics.continuation.forward_kinematics import follow_motors, forward_kinematics_stack
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.linearised_loops import linearised_at, type1_matrix
 from tests.kinematics.continuation.small_steps import are_same, turn
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
