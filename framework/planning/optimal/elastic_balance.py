@@ -11,12 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.restoration import (
-    MAX_COEFFICIENTS,
-    BalanceSolution,
-    first_coefficient_count,
-    solve_balance,
-)
+from framework.dynamics.restoration import BalanceSolution, solve_balance
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.clock import OnParameter
 from framework.laws.exact_duration import SpeedSpace
@@ -38,15 +33,12 @@ def find_law_in_balance(
     law: OptimalLaw,
     previous: KnownDeflections | None,
     speed_places: Sequence[float] | None = None,
-    *,
-    most: int = MAX_COEFFICIENTS,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         previous: deflections of a similar law, from which the search begins.
         speed_places: s at which the law has the required speeds; by default the crossing points.
-        most: largest number of coefficients of a deflection.
 
     Raises:
         NotConverged: there is no such law near the given one.
@@ -78,9 +70,7 @@ def find_law_in_balance(
         task.branch,
         shift_conditions,
         SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
-        first_coefficient_count(law.degree),
         previous,
-        most=most,
     )
     return shift_conditions(balance.scalars).law, balance
 

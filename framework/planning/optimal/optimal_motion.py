@@ -63,29 +63,27 @@ class ElasticStage(NamedTuple):
     """How smooth the law of an elastic robot has to be.
 
     share: of the least cost, by which a smooth law may exceed it.
-    max_coefficients: of a deflection; a smoother law is cheaper than more coefficients.
     max_squared_speed: limit of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
     """
 
     share: float
-    max_coefficients: int
     max_squared_speed: float = np.inf
 
 
 # tried in turn until deflections are resolved and at rest at both ends
 CAPPED_STAGES: tuple[ElasticStage, ...] = (
-    ElasticStage(4e-3, 240, 100.0),
-    ElasticStage(1e-2, 240, 20.0),
-    ElasticStage(2e-2, 240, 8.0),
-    ElasticStage(0.3, 240, 4.0),
-    ElasticStage(0.8, 400, 4.0),
-    ElasticStage(3.0, 400, 4.0),
+    ElasticStage(4e-3, 100.0),
+    ElasticStage(1e-2, 20.0),
+    ElasticStage(2e-2, 8.0),
+    ElasticStage(0.3, 4.0),
+    ElasticStage(0.8, 4.0),
+    ElasticStage(3.0, 4.0),
 )
-MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # for springs whose rates cause no forces
+MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
 # for redundant motors, whose deflections are found by fixed-point passes alone
-CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
-SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (4e-2, 0.15, 0.5, 3.0))
+CALM_STAGES = (ElasticStage(0.2, 4.0), *CAPPED_STAGES[4:])
+SPLINE_STAGES = tuple(ElasticStage(share) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
 class OptimalMotion(NamedTuple):
@@ -268,12 +266,9 @@ class _ElasticSearch:
 
         Deflections shift the crossings. The law is found again until the required speeds are met there.
         """
-        most = self.stages[self.stage].max_coefficients
         for _ in range(MAX_SPEED_STEPS):
             previous = self.balance and self.balance.deflections
-            law, self.balance = find_law_in_balance(
-                self.next_task, law, previous, self.speed_places, most=most
-            )
+            law, self.balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
             if self._has_required_speeds(law, dynamics):
                 break
