@@ -73,17 +73,20 @@ class DeflectionSplines(ReadOnlyArrays):
     def nodes(self) -> SplineNodes:
         """NODES_PER_SPLINE points for each spline, beside the mean of its inner knots (Greville abscissa)."""
         inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
-        centres = inner_knots.mean(axis=1)  # (size,)
-        first = np.searchsorted(centres, self.panels[:-1], side="right") - 1  # the first centre of each panel
-        last = np.searchsorted(centres, self.panels[1:])
-        p = np.concatenate([_subdivide(centres[i : j + 1]) for i, j in zip(first, last, strict=True)])
-        panel = np.repeat(np.arange(len(first)), NODES_PER_SPLINE * (last - first) + 1)
-        cells = np.clip(
-            np.searchsorted(self.cells, p, side="right") - 1,
-            np.searchsorted(self.cells, self.panels[:-1])[panel],
-            np.searchsorted(self.cells, self.panels[1:])[panel] - 1,
-        )
-        return SplineNodes(p, cells, self.columns(self.intervals[cells]), self.bases(self.intervals[cells], p))
+        first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
+        counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
+        centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])
+        points = [_subdivide(on_panel) for on_panel in centres]
+        cells = [
+            np.clip(np.searchsorted(self.cells, p, side="right") - 1, first, following - 1)
+            for p, first, following in zip(points, first_cells[:-1], first_cells[1:], strict=True)
+        ]
+        return self._nodes_at(np.concatenate(points), np.concatenate(cells))
+
+    def _nodes_at(self, p: Array, cells: IntArray) -> SplineNodes:
+        """Return nodes at p (T,) in cells (T,)."""
+        intervals = self.intervals[cells]
+        return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
 
     def columns(self, intervals: IntArray) -> IntArray:
         """Return the indices (T, SPLINE_DEGREE + 1) of the splines that are not zero on intervals (T,)."""

@@ -75,15 +75,10 @@ def solve_balance(
         start: deflections from which the search begins, on the cells that they need.
 
     Raises:
-        NotConverged: no deflections in balance were found, or the robot has redundant motors.
+        NotConverged: no deflections in balance were found.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    if robot.n_a > robot.n:
-        raise NotConverged(
-            f"{robot.name}: deflections under redundant motors are not unique where the passes do not settle",
-            residual=np.inf,
-        )
     equations = BalanceEquations(branch, family, steps)
     scalars = np.zeros(len(steps))
     if start is None:

@@ -26,6 +26,7 @@ from framework.dynamics.known_deflections import SplineFunction
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,
+    constraint_rows,
     load_at_rates,
     locked_columns,
     loop_weights,
@@ -182,9 +183,10 @@ def _balance_motors(
         accelerations: (T, n_a, k) of the actuated joints.
     """
     columns, units = locked_columns(robot)
-    J = balance.motion.linearised.closures * loop_weights(robot)[:, None]  # (T, m, nv)
-    Q, R, _ = factor_transposed(J[:, :, columns] * units)
+    linearised = balance.motion.linearised
+    Q, R, _ = factor_transposed(constraint_rows(robot, linearised))
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
-    joint_torque = forces[:, robot.actuated] - J[:, :, robot.actuated].swapaxes(1, 2) @ multipliers
+    J_a = linearised.closures[:, :, robot.actuated] * loop_weights(robot)[:, None]  # (T, m, n_a)
+    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ multipliers[:, : J_a.shape[1]]
     gear = robot.gear_ratio[:, None]
     return joint_torque / gear + robot.rotor_inertia[:, None] * gear * accelerations
