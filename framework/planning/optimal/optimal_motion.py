@@ -81,8 +81,6 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(3.0, 4.0),
 )
 MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
-# for redundant motors, whose deflections are found by fixed-point passes alone
-CALM_STAGES = (ElasticStage(0.2, 4.0), *CAPPED_STAGES[4:])
 SPLINE_STAGES = tuple(ElasticStage(share) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
@@ -108,15 +106,15 @@ def optimal_motion(task: Task) -> OptimalMotion:
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
-            f"rigid or redundant motors; use {other_law(task)}flexibility rigid"
+            f"rigid; use {other_law(task)}flexibility rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
-        is_redundant = task.geometry == "deformed" and not task.follows_balance
-        stages = CALM_STAGES if is_redundant else MASSLESS_STAGES
+        stages = MASSLESS_STAGES
         is_damped = robot.is_damped and robot.elastic_inertia
-        if task.geometry == "deformed" and (is_damped or springs_carry_inertia(task.branch)):
-            stages = CALM_STAGES if is_redundant else CAPPED_STAGES
+        if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
+            # redundant motors shake the springs between them: quick laws are never at rest at their ends
+            stages = CAPPED_STAGES[3:] if robot.n_a > robot.n else CAPPED_STAGES
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
