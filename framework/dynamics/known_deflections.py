@@ -149,6 +149,10 @@ class KnownDeflections(NamedTuple):
         dp = rate[:, None]
         return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]
 
+    def at(self, time: float, order: int) -> Array:
+        """Compute deflections (n_e,), or their first or second time derivative, at a time [s]."""
+        return self(np.array([time]))[order][0]
+
 
 class SplineFunction(NamedTuple):
     """A function (c,) of the parameter of a law, represented by splines."""

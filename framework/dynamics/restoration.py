@@ -133,9 +133,7 @@ def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> Gau
         stiffer = state.balance.stiffer
         softer = max(stiffer / softening, 1.0)
         series = state.series * (stiffer / softer)
-        result = _gauss_newton(
-            equations, equations.evaluate(splines, series, state.scalars, stiffer=softer)
-        )
+        result = _gauss_newton(equations, equations.evaluate(splines, series, state.scalars, stiffer=softer))
         if result.is_solved and softer == 1.0:
             return result
         if result.is_solved:

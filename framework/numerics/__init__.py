@@ -5,7 +5,7 @@ represent all functions of time.
 
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
 * `ordered_sums`: products of stacks in which each item is computed as if it were alone, to the last bit;
-* `banded_lu`: factorisation of sparse matrices in a band; `krylov`: linear systems given by products alone;
+* `banded_lu`: factorisation of sparse matrices in a band;
   `polytope`: zonotopes and slabs; `subspaces`: row spaces and null spaces;
 * `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
   `bernstein`: bounds of functions on cells;
