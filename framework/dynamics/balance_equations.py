@@ -8,22 +8,20 @@ solves
 
 in the least squares. Directions that hardly change F are suppressed.
 
-If springs carry inertia, F = 0 is a differential equation. Some of its solutions decay within milliseconds
-near an end or a knot of the path; these belong to motions that do not begin or end at rest. Rates and
-accelerations at the ends, and jumps at the knots, are therefore minimised too, with a weight so small that F
-does not grow.
+If springs carry inertia, F = 0 is a differential equation, whose solutions differ by free vibrations. Coarse
+cells do not represent these, and finer cells begin from the coarse solution. So the smooth solution is found.
+Whether its springs are at rest at the ends depends on the law.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.dynamics.known_deflections import SPLINE_DEGREE, DeflectionSplines
+from framework.dynamics.known_deflections import SPLINE_DEGREE, DeflectionSplines, KnownDeflections
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,
@@ -36,10 +34,10 @@ from framework.dynamics.loaded_balance import (
 from framework.kinematics.continuation.tracking import Branch
 from framework.laws.clock import Clock, OnParameter
 from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array
 from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
 from framework.numerics.ordered_sums import matvec
-from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
+from framework.tolerances import WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 
@@ -92,14 +90,13 @@ class LinearBalance:
 
     by_series: Any  # sparse (T n_e, C) derivatives of F by the series
     by_scalars: Array  # (T n_e, k) derivatives of F by the law's scalars
-    rest: Array  # (rows, C + k) derivatives of the terms that vanish at rest
     sizes: Array  # (C + k,) of the columns before scaling
     factor: BandedFactor  # of the series' part of N
     eliminated: Array  # (C, k) N_series^-1 N_series,scalars
     core: Array  # (k, k) Schur complement of the scalars in N
 
     @staticmethod
-    def factorise(by_series: Any, by_scalars: Array, rest: Array) -> LinearBalance:
+    def factorise(by_series: Any, by_scalars: Array) -> LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
         Columns of the series smaller than their median are scaled by the median.
@@ -116,51 +113,24 @@ class LinearBalance:
         eliminated = factor.solve(coupling)
         weak = WEAK_COLUMN**2 * np.eye(len(scalar_sizes))
         core = by_scalars.T @ by_scalars - coupling.T @ eliminated + weak
-        return LinearBalance(by_series, by_scalars, rest / sizes, sizes, factor, eliminated, core)
-
-    @cached_property
-    def rest_response(self) -> Array:
-        """The matrix N^-1 R' (C + k, rows) of the terms R u of rest."""
-        return self._solve_normal(self.rest.T)
+        return LinearBalance(by_series, by_scalars, sizes, factor, eliminated, core)
 
     def step(self, state: BalanceState) -> Step:
-        """Compute the Gauss-Newton step from a state with the same splines.
-
-        The step y minimises |B y + F|^2 + small^2 |y|^2 + w^2 |R (u + y)|^2 with the unknowns u of the state.
-        The weight w falls with the misfit.
-        """
-        series = state.series
+        """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
-        unknowns = np.append(series, np.zeros(len(state.scalars))) * self.sizes
-        weight = min(1.0, state.misfit / END_RATE_MISFIT)
-        y = self._least_change(F, self.rest @ unknowns[:, None], weight)
-        of_series, of_scalars = np.split(y, [series.size])
+        y = self._least_change(F)
+        of_series, of_scalars = np.split(y, [state.series.size])
         predicted = np.abs(self.by_series @ of_series + self.by_scalars @ of_scalars + F).max()
-        step = y[:, 0] / self.sizes
-        return Step(
-            step[: series.size].reshape(series.shape),
-            step[series.size :],
-            float(predicted / state.balance.size),
-        )
+        series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
+        return Step(series.reshape(state.series.shape), scalars, float(predicted / state.balance.size))
 
     def follow(self, F: Array) -> Array:
-        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance and preserve rest."""
-        rest = np.zeros((len(self.rest), F.shape[1]))
-        return self._least_change(F, rest, 1.0) / self.sizes[:, None]
+        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance."""
+        return self._least_change(F) / self.sizes[:, None]
 
-    def _least_change(self, F: Array, rest: Array, weight: float) -> Array:
-        """Return scaled changes y (C + k, n) for F (T n_e, n) and terms R u of rest (rows, n).
-
-        By Sherman, Morrison and Woodbury y = y_0 - N^-1 R' (1 / w^2 + R N^-1 R')^-1 R (u + y_0), with the
-        change y_0 without rest. One factorisation of N thus serves all weights w.
-        """
-        y = -self._solve_normal(np.concatenate([self.by_series.T @ F, self.by_scalars.T @ F]))  # y_0
-        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
-        return np.asarray(y - self.rest_response @ np.linalg.solve(core, rest + self.rest @ y))
-
-    def _solve_normal(self, right: Array) -> Array:
-        """Solve N y = right (C + k, n)."""
-        of_series, of_scalars = np.split(right, [len(self.eliminated)])
+    def _least_change(self, F: Array) -> Array:
+        """Return the scaled changes y (C + k, n) of least |B y + F|^2 + small^2 |y|^2, for F (T n_e, n)."""
+        of_series, of_scalars = -self.by_series.T @ F, -self.by_scalars.T @ F
         scalars = np.linalg.solve(self.core, of_scalars - self.eliminated.T @ of_series)
         return np.concatenate([self.factor.solve(of_series) - self.eliminated @ scalars, scalars])
 
@@ -230,9 +200,13 @@ class BalanceEquations:
         prescribed = DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
         return SampledMotion(clock, prescribed, bases)
 
+    def deflections(self, state: BalanceState) -> KnownDeflections:
+        """Return the deflections [rad, m] of a state."""
+        return KnownDeflections(state.samples.clock, state.splines, state.series * self.units)
+
     def linearise(self, state: BalanceState) -> LinearBalance:
         """Return the linear equations for steps from this state and from neighbouring states."""
-        return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
+        return LinearBalance.factorise(*self.slopes(state))
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
         """Compute derivatives of F = Y' load by the series, sparse (T n_e, C), and by the scalars (T n_e, k).
@@ -263,37 +237,6 @@ class BalanceEquations:
             difference = balance_at(state.scalars + change) - balance_at(state.scalars - change)
             by_scalars[:, k] = difference / (2.0 * self.steps[k])
         return banded_rows(values, unknowns, state.series.size), by_scalars
-
-    def _rest_matrix(self, state: BalanceState) -> Array:
-        """Compute the weighted derivative (rows, unknowns) of the terms that vanish at rest.
-
-        Rows are the rate and the acceleration of each deflection at both ends of the motion, and the jumps of
-        value and rate at each inner edge of a panel.
-        """
-        splines, clock = state.splines, state.samples.clock
-        edges = splines.panels
-        cells_after = splines.intervals[np.searchsorted(splines.cells, edges[:-1])]
-        cells_before = splines.intervals[np.searchsorted(splines.cells, edges[1:]) - 1]
-        _, rate, acceleration = clock.motion(edges)
-        scales = clock.law.duration ** np.arange(3)[:, None, None]
-        panels = np.arange(len(edges) - 1)
-
-        def rows_at(intervals: IntArray, chosen: slice) -> Array:
-            """Compute all splines and two time derivatives (3, edges, size) on one side of chosen edges."""
-            bases = splines.bases(intervals, edges[chosen])
-            rows = np.zeros((3, len(intervals), splines.size))
-            rows[:, panels[:, None], splines.columns(intervals)] = scales * _time_bases(
-                bases, rate[chosen], acceleration[chosen]
-            )
-            return rows
-
-        after = rows_at(cells_after, slice(None, -1))
-        before = rows_at(cells_before, slice(1, None))
-        jumps = before[:2, :-1] - after[:2, 1:]  # of value and rate
-        rows = np.concatenate([after[1:, 0], before[1:, -1], *jumps])
-        weight = END_RATE_WEIGHT * state.balance.stiffer * self.stiffness
-        matrix = weight * np.kron(rows, np.eye(len(self.units)))  # the same for each spring
-        return np.pad(matrix, ((0, 0), (0, len(self.steps))))
 
 
 def _time_bases(bases: Array, rate: Array, acceleration: Array) -> Array:

@@ -11,6 +11,7 @@ problem is first solved for stiffer springs, which are then softened stepwise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; abo
 SETTLED_MISFIT = 2e-14  # rounding
 ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
+ROUGH_MISFIT = 1e-9  # at which rates of springs are known well enough to discard a law
 FIRST_CELLS = 48
 MAX_SPLINES = 600
 MAX_STEPS = 12  # on the same cells
@@ -65,7 +67,12 @@ class BalanceSolution(NamedTuple):
 
 
 def solve_balance(
-    branch: Branch, family: Family, steps: Array, start: KnownDeflections | None = None
+    branch: Branch,
+    family: Family,
+    steps: Array,
+    start: KnownDeflections | None = None,
+    *,
+    check: Callable[[KnownDeflections], None] = lambda _: None,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
@@ -73,6 +80,7 @@ def solve_balance(
         family: laws by their scalars; the search begins at zero scalars.
         steps: (k,) of differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
+        check: raises NoAnswer for deflections to be discarded; called as soon as they are roughly in balance.
 
     Raises:
         NotConverged: no deflections in balance were found.
@@ -87,9 +95,13 @@ def solve_balance(
     else:
         splines, series = start.splines, start.series / equations.units
     result = _solve_by_softening(equations, equations.evaluate(splines, series, scalars))
-    state = _refine_cells(equations, result)
-    deflections = KnownDeflections(state.samples.clock, state.splines, state.series * equations.units)
-    return BalanceSolution(deflections, state.scalars, equations, state)
+    while result.is_solved and result.state.misfit > ROUGH_MISFIT:
+        result = _halve_cells(equations, result)
+    check(equations.deflections(result.state))
+    while result.is_solved and result.state.misfit > MIN_GAIN * SETTLED_MISFIT:
+        result = _halve_cells(equations, result)
+    state = result.state
+    return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -179,25 +191,20 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
     return GaussNewtonResult(state, False, linear)
 
 
-def _refine_cells(equations: BalanceEquations, result: GaussNewtonResult) -> BalanceState:
-    """Halve the cells with the largest misfits until the misfit is settled.
+def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> GaussNewtonResult:
+    """Solve with the cells of the largest misfits halved.
 
     Where deflections are smooth, halving a cell divides its misfit by thousands. A misfit that falls by less
-    than MIN_GAIN is not due to the cells.
+    than MIN_GAIN is not due to the cells, and counts as not solved.
     """
-    state = result.state
-    while result.is_solved and state.misfit > MIN_GAIN * SETTLED_MISFIT:
-        last_misfit = state.misfit
-        # the cells above the geometric mean of the largest misfit and a settled one
-        splines = state.splines.halve(state.cell_misfits > np.sqrt(last_misfit * SETTLED_MISFIT))
-        if splines.size > MAX_SPLINES:
-            break
-        start = equations.evaluate(splines, splines.insert(state.splines, state.series), state.scalars)
-        result = _gauss_newton(equations, start)
-        state = result.state
-        if last_misfit < MIN_GAIN * state.misfit:
-            break
-    return state
+    state = coarse.state
+    # the cells above the geometric mean of the largest misfit and a settled one
+    splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
+    if splines.size > MAX_SPLINES:
+        return coarse._replace(is_solved=False)
+    start = equations.evaluate(splines, splines.insert(state.splines, state.series), state.scalars)
+    fine = _gauss_newton(equations, start)
+    return fine._replace(is_solved=fine.is_solved and MIN_GAIN * fine.state.misfit < state.misfit)
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
