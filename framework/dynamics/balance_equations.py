@@ -9,14 +9,16 @@ solves
 in the least squares. Directions that hardly change F are suppressed.
 
 If springs carry inertia, F = 0 is a differential equation, whose solutions differ by free vibrations. Coarse
-cells do not represent these, and finer cells begin from the coarse solution. So the smooth solution is found.
-Whether its springs are at rest at the ends depends on the law.
+cells do not represent these, and finer cells begin from the coarse solution, which is smooth. Where the cells
+represent vibrations, these hardly change F; they are chosen such that the springs are as near to rest at both
+ends as the law allows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,9 +96,10 @@ class LinearBalance:
     factor: BandedFactor  # of the series' part of N
     eliminated: Array  # (C, k) N_series^-1 N_series,scalars
     core: Array  # (k, k) Schur complement of the scalars in N
+    rest: Array  # (rows, C + k) R, derivatives of the terms that vanish at rest
 
     @staticmethod
-    def factorise(by_series: Any, by_scalars: Array) -> LinearBalance:
+    def factorise(by_series: Any, by_scalars: Array, rest: Array) -> LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
         Columns of the series smaller than their median are scaled by the median.
@@ -113,24 +116,53 @@ class LinearBalance:
         eliminated = factor.solve(coupling)
         weak = WEAK_COLUMN**2 * np.eye(len(scalar_sizes))
         core = by_scalars.T @ by_scalars - coupling.T @ eliminated + weak
-        return LinearBalance(by_series, by_scalars, sizes, factor, eliminated, core)
+        return LinearBalance(by_series, by_scalars, sizes, factor, eliminated, core, rest / sizes)
+
+    @cached_property
+    def vibrations(self) -> Array:
+        """Orthonormal directions V (C + k, m) that change the balance by at most WEAK_COLUMN.
+
+        Inverse iteration on N from R' finds those that change the terms of rest.
+        """
+        V = self._solve_normal(self.rest.T)
+        V = self._solve_normal(np.linalg.qr(V)[0])
+        V = np.linalg.qr(V)[0]
+        change = self._change_balance(V)
+        squares, axes = np.linalg.eigh(change.T @ change)
+        return V @ axes[:, squares <= WEAK_COLUMN**2]
 
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
-        y = self._least_change(F)
-        of_series, of_scalars = np.split(y, [state.series.size])
-        predicted = np.abs(self.by_series @ of_series + self.by_scalars @ of_scalars + F).max()
+        unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
+        y = self._least_change(F, self.rest @ unknowns[:, None])
+        predicted = np.abs(self._change_balance(y) + F).max() / state.balance.size
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
-        return Step(series.reshape(state.series.shape), scalars, float(predicted / state.balance.size))
+        return Step(series.reshape(state.series.shape), scalars, float(predicted))
 
     def follow(self, F: Array) -> Array:
-        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance."""
-        return self._least_change(F) / self.sizes[:, None]
+        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance and preserve rest."""
+        at_rest = np.zeros((len(self.rest), F.shape[1]))
+        return self._least_change(F, at_rest) / self.sizes[:, None]
 
-    def _least_change(self, F: Array) -> Array:
-        """Return the scaled changes y (C + k, n) of least |B y + F|^2 + small^2 |y|^2, for F (T n_e, n)."""
-        of_series, of_scalars = -self.by_series.T @ F, -self.by_scalars.T @ F
+    def _change_balance(self, y: Array) -> Array:
+        """Return the changes B y (T n_e, n) of F by scaled changes y (C + k, n)."""
+        of_series, of_scalars = np.split(y, [len(self.eliminated)])
+        return np.asarray(self.by_series @ of_series + self.by_scalars @ of_scalars)
+
+    def _least_change(self, F: Array, rest: Array) -> Array:
+        """Return scaled changes y (C + k, n) that cancel F (T n_e, n) and reduce terms of rest (rows, n).
+
+        y_0 minimises |B y + F|^2 + small^2 |y|^2. Vibrations are added that minimise |R y + rest|.
+        """
+        y = -self._solve_normal(np.concatenate([self.by_series.T @ F, self.by_scalars.T @ F]))
+        V = self.vibrations
+        amplitudes = np.linalg.lstsq(self.rest @ V, rest + self.rest @ y, rcond=None)[0]
+        return np.asarray(y - V @ amplitudes)
+
+    def _solve_normal(self, right: Array) -> Array:
+        """Solve N y = right (C + k, n)."""
+        of_series, of_scalars = np.split(right, [len(self.eliminated)])
         scalars = np.linalg.solve(self.core, of_scalars - self.eliminated.T @ of_series)
         return np.concatenate([self.factor.solve(of_series) - self.eliminated @ scalars, scalars])
 
@@ -206,7 +238,7 @@ class BalanceEquations:
 
     def linearise(self, state: BalanceState) -> LinearBalance:
         """Return the linear equations for steps from this state and from neighbouring states."""
-        return LinearBalance.factorise(*self.slopes(state))
+        return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
         """Compute derivatives of F = Y' load by the series, sparse (T n_e, C), and by the scalars (T n_e, k).
@@ -237,6 +269,25 @@ class BalanceEquations:
             difference = balance_at(state.scalars + change) - balance_at(state.scalars - change)
             by_scalars[:, k] = difference / (2.0 * self.steps[k])
         return banded_rows(values, unknowns, state.series.size), by_scalars
+
+    def _rest_matrix(self, state: BalanceState) -> Array:
+        """Compute the derivative (rows, C + k) of the terms that vanish at rest.
+
+        Rows are the rate and the acceleration of each deflection at both ends of the motion, times powers of
+        the duration. There are none if rates cause no forces.
+        """
+        splines, clock = state.splines, state.samples.clock
+        if self.orders == 1:
+            return np.zeros((0, state.series.size + len(self.steps)))
+        ends = splines.cells[[0, -1]]
+        intervals = splines.intervals[[0, -1]]
+        _, rate, acceleration = clock.motion(ends)
+        bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]
+        scales = clock.law.duration ** np.arange(1, 3)[:, None, None]
+        rows = np.zeros((2, 2, splines.size))  # order by end
+        rows[:, np.arange(2)[:, None], splines.columns(intervals)] = scales * bases
+        by_series = np.kron(rows.reshape(4, -1), np.eye(len(self.units)))  # the same for each spring
+        return np.pad(by_series, ((0, 0), (0, len(self.steps))))
 
 
 def _time_bases(bases: Array, rate: Array, acceleration: Array) -> Array:
