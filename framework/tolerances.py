@@ -498,19 +498,6 @@ Below it deflections on the singularity are not told by their forces. At 1e-5 an
 five-bar and an orthoglide, keep their torques to 5e-6 and 1e-15 of the peak.
 """
 
-END_RATE_WEIGHT = 1e-5
-"""Weight of rest at the ends and no jump at the knots, over that of balance, in finding deflections.
-
-Without it motions that die away within milliseconds of an end are in balance as well, with torques that are 1
-to 8 % off there. At 1e-4 and 1e-6 the same two robots keep their torques to 3e-6 and 1e-15 of the peak.
-"""
-
-END_RATE_MISFIT = 1e-6
-"""What is out of balance, over the largest load, below which that weight falls in proportion.
-
-So balance gives nothing for it in the end. At 1e-5 and 1e-7 the same holds to 2e-6 and 1e-15.
-"""
-
 FOLD_MISFIT = 1e-12
 """Force that neither springs nor motors nor loops hold at rest, over the largest load, on the way to a fold.
 

@@ -95,7 +95,6 @@ COMPUTE = ("kinematics", "proofs", "singularity", "simulation", "dynamics")
 # of `numerics`, which also writes files
 LINEAR_ALGEBRA = {
     "framework.numerics.banded_lu",
-    "framework.numerics.krylov",
     "framework.numerics.ordered_sums",
     "framework.numerics.polytope",
     "framework.numerics.rotations",

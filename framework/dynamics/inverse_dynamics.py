@@ -194,14 +194,14 @@ def resolve(
     sizes = (FEW, *SIZES) if len(edges_of(law)) else SIZES
     for size in sizes:
         state = refinement.solve(size)
-        if state.change > UNSETTLED:  # too bad a start for the next grid, which starts from rest
-            if refinement.obstacles > 1:
+        if state.change > UNSETTLED:
+            if not state.is_settled:
                 break
             continue
         result = refinement.evaluate(state)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
-            if refinement.is_hopeless:
+            if refinement.is_hopeless or not state.is_settled:
                 break
             continue
         result = replace(result, certificate=measure_residuals(searched.branch, state, result))
@@ -221,19 +221,17 @@ def resolve(
 
 @dataclass
 class _Refinement:
-    """The state of the computation between grids: the start on the next grid, and the results so far."""
+    """The state of the computation between grids: the results so far."""
 
     searched: SearchedPath
     choose_law: LawChoice
     geometry: str
     tolerance: float
     known: KnownDeflections | None
-    law: MotionLaw  # first law on the next grid
+    law: MotionLaw  # for springs at rest
     crossings_at_rest: tuple[SingularityCrossing, ...]  # of the undeformed robot
     crossings: tuple[SingularityCrossing, ...]  # with the deflections of the last grid
-    start: TimeFunction | None = None  # first deflections on the next grid; None: at rest
     passes: int = 0  # on all grids together
-    obstacles: int = 0  # number of grids on which the iteration met an obstacle
     certificates: list[Certificate] = field(default_factory=list)  # one for each grid with a result
 
     @property
@@ -277,7 +275,6 @@ class _Refinement:
                     grid,
                     self.choose_law,
                     self.geometry,
-                    self.start,
                     self.law,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
                     is_fine=lambda at_rest: self._is_fine(grid, at_rest),
@@ -293,9 +290,6 @@ class _Refinement:
                 residual=failure.residual,
             ) from None
         self.passes += state.passes
-        self.obstacles += bool(state.obstacle)
-        if state.change > UNSETTLED:
-            self.start, self.law = None, self.choose_law(None, None)
         return state
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
@@ -309,7 +303,7 @@ class _Refinement:
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
     def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
-        """Return the result on one grid, and store the start for the next grid.
+        """Return the result on one grid.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
@@ -347,8 +341,6 @@ class _Refinement:
             certificate=certificate,
         )
         self.certificates.append(certificate)
-        if not state.plain:  # plain passes converge as fast from rest, without the errors of this grid
-            self.start, self.law = result.deflections, state.law
         if self.geometry != "rigid":
             self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
         return replace(result, crossings=self.crossings)

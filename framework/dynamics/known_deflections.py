@@ -1,28 +1,170 @@
-"""Deflections as one Chebyshev series between two knots of the path."""
+"""Deflections along a law as B-splines in the parameter of the law.
+
+Splines of a high degree converge almost as fast as one Chebyshev series, and each overlaps only with its
+neighbours. So the equations of balance are banded, and cells can be halved where deflections vary quickly.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.laws.clock import Clock
-from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeFunction
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.banded_rows import BandedFactor, banded_rows
+from framework.numerics.splines import find_intervals, spline_values
+
+SPLINE_DEGREE = 13
+NODES_PER_SPLINE = 2  # more equations than unknowns: the least squares choose smooth deflections at Type 2
+
+
+class SplineNodes(NamedTuple):
+    """Points at which the equations of balance are evaluated."""
+
+    p: Array  # (T,) of the law's parameter
+    cells: IntArray  # (T,) index of the cell
+    columns: IntArray  # (T, SPLINE_DEGREE + 1) indices of the splines that are not zero
+    bases: Array  # (3, T, SPLINE_DEGREE + 1) these splines and two derivatives by p
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectionSplines(ReadOnlyArrays):
+    """B-splines on `cells` (k + 1,) of a law's parameter p, which may jump at the `panels` (panels + 1,)."""
+
+    cells: Array
+    panels: Array
+
+    @staticmethod
+    def uniform(panels: Array, count: int) -> DeflectionSplines:
+        """Divide panels (panels + 1,) into about `count` cells of similar width."""
+        shares = np.diff(panels) / (panels[-1] - panels[0])
+        counts = np.ceil(count * shares).astype(int)
+        starts = [
+            np.linspace(start, end, n, endpoint=False)
+            for start, end, n in zip(panels[:-1], panels[1:], counts, strict=True)
+        ]
+        return DeflectionSplines(np.append(np.concatenate(starts), panels[-1]), panels)
+
+    def halve(self, chosen: BoolArray) -> DeflectionSplines:
+        """Return splines with the chosen cells (k,) halved."""
+        middles = 0.5 * (self.cells[1:] + self.cells[:-1])
+        return DeflectionSplines(np.sort(np.append(self.cells, middles[chosen])), self.panels)
+
+    @cached_property
+    def knots(self) -> Array:
+        """Knots (size + SPLINE_DEGREE + 1,): the cells' edges, SPLINE_DEGREE + 1 times at edges of panels."""
+        repetitions = np.where(np.isin(self.cells, self.panels), SPLINE_DEGREE + 1, 1)
+        return read_only(np.repeat(self.cells, repetitions))
+
+    @property
+    def size(self) -> int:
+        """The number of splines."""
+        return len(self.knots) - SPLINE_DEGREE - 1
+
+    @cached_property
+    def intervals(self) -> IntArray:
+        """Indices (k,) of the last knot at the start of each cell."""
+        return np.flatnonzero(np.diff(self.knots) > 0.0)
+
+    @cached_property
+    def nodes(self) -> SplineNodes:
+        """NODES_PER_SPLINE points for each spline, beside the mean of its inner knots (Greville abscissa)."""
+        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
+        first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
+        counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
+        centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])
+        points = [_subdivide(on_panel) for on_panel in centres]
+        cells = [
+            np.clip(np.searchsorted(self.cells, p, side="right") - 1, first, following - 1)
+            for p, first, following in zip(points, first_cells[:-1], first_cells[1:], strict=True)
+        ]
+        return self._nodes_at(np.concatenate(points), np.concatenate(cells))
+
+    def _nodes_at(self, p: Array, cells: IntArray) -> SplineNodes:
+        """Return nodes at p (T,) in cells (T,)."""
+        intervals = self.intervals[cells]
+        return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
+
+    def columns(self, intervals: IntArray) -> IntArray:
+        """Return the indices (T, SPLINE_DEGREE + 1) of the splines that are not zero on intervals (T,)."""
+        return intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
+
+    def bases(self, intervals: IntArray, p: Array) -> Array:
+        """Compute these splines and two derivatives at p (T,): (3, T, SPLINE_DEGREE + 1)."""
+        return np.stack([spline_values(self.knots, SPLINE_DEGREE, intervals, p, k) for k in range(3)])
+
+    def combine(self, bases: Array, series: Array) -> Array:
+        """Sum coefficients (size, ...) times `bases` (T, SPLINE_DEGREE + 1) at the nodes: (T, ...)."""
+        return np.einsum("tj,tj...->t...", bases, series[self.nodes.columns])
+
+    def fit(self, values: Array) -> Array:
+        """Fit coefficients (size, c) to values (T, c) at the nodes, in the least squares."""
+        rows = banded_rows(self.nodes.bases[0][:, None], self.nodes.columns, self.size)
+        return BandedFactor.of_squares(rows, 0.0).solve(rows.T @ values)
+
+    def insert(self, other: DeflectionSplines, series: Array) -> Array:
+        """Return the coefficients (size, c) of functions on coarser cells, given by theirs in `other`.
+
+        A new knot t in the interval k replaces c_i by a_i c_i + (1 - a_i) c_(i-1) for k - degree < i <= k,
+        with a_i = (t - t_i) / (t_(i + degree) - t_i) (Boehm).
+        """
+        knots = other.knots
+        for knot in np.setdiff1d(self.cells, other.cells):
+            k = int(find_intervals(knots, SPLINE_DEGREE, np.array([knot]))[0])
+            i = np.arange(k - SPLINE_DEGREE + 1, k + 1)
+            share = ((knot - knots[i]) / (knots[i + SPLINE_DEGREE] - knots[i]))[:, None]
+            mixed = share * series[i] + (1.0 - share) * series[i - 1]
+            series = np.concatenate([series[: i[0]], mixed, series[k:]])
+            knots = np.insert(knots, k + 1, knot)
+        return series
+
+    def evaluate(self, series: Array, p: Array, order: int = 0) -> Array:
+        """Compute functions (T, c) at p (T,), or a derivative by p, from coefficients (size, c)."""
+        intervals = find_intervals(self.knots, SPLINE_DEGREE, p)
+        values = spline_values(self.knots, SPLINE_DEGREE, intervals, p, order)
+        return np.einsum("tj,tjc->tc", values, series[self.columns(intervals)])
+
+
+def _subdivide(points: Array) -> Array:
+    """Insert NODES_PER_SPLINE - 1 points evenly between two neighbours of ascending points (k,)."""
+    position = np.arange(NODES_PER_SPLINE * (len(points) - 1) + 1) / NODES_PER_SPLINE
+    return np.interp(position, np.arange(len(points)), points)
 
 
 class KnownDeflections(NamedTuple):
-    """Deflections as functions of time, represented by series in the parameter of a law."""
+    """Deflections as functions of time, represented by splines in the parameter of a law."""
 
     clock: Clock
-    series: Array  # (panels, N, n_e) [rad, m]
+    splines: DeflectionSplines
+    series: Array  # (size, n_e) [rad, m]
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute deflections and two time derivatives at t (T,), each (T, n_e)."""
-        edges = self.clock.edges
-        p = np.clip(self.clock.parameter(t), edges[0], edges[-1])
-        in_parameter = TimeFunction(edges, self.series)
-        value, slope, bend = (in_parameter(p, order) for order in range(3))  # derivatives by p
+        p = np.clip(self.clock.parameter(t), self.splines.cells[0], self.splines.cells[-1])
+        value, slope, bend = (self.splines.evaluate(self.series, p, order) for order in range(3))  # by p
         _, rate, acceleration = self.clock.motion(p)
         dp = rate[:, None]
         return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]
+
+    def at(self, time: float, order: int) -> Array:
+        """Compute deflections (n_e,), or their first or second time derivative, at a time [s]."""
+        return self(np.array([time]))[order][0]
+
+
+class SplineFunction(NamedTuple):
+    """A function (c,) of the parameter of a law, represented by splines."""
+
+    splines: DeflectionSplines
+    series: Array  # (size, c)
+
+    @staticmethod
+    def fit(splines: DeflectionSplines, values: Array) -> SplineFunction:
+        """Fit a function to values (T, ...) at the nodes of splines."""
+        return SplineFunction(splines, splines.fit(values.reshape(len(values), -1)))
+
+    def __call__(self, p: Array) -> Array:
+        """Compute the values (T, c) at p (T,)."""
+        return self.splines.evaluate(self.series, p)

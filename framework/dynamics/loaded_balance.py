@@ -28,12 +28,13 @@ import numpy as np
 
 from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import Forces, mass_matrices, tree_forces
+from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
@@ -200,15 +201,38 @@ def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLo
     J' = Q R gives lambda = R^-1 Q' load.
     """
     columns, units = locked_columns(robot)
-    J = motion.linearised.closures[:, :, columns] * loop_weights(robot)[:, None] * units  # (T, m, f)
-    Q, R, Y = factor_transposed(J)
+    Q, R, Y = factor_transposed(constraint_rows(robot, motion.linearised))
     load = forces[:, columns] * units
-    return _SplitLoad(load, solve(R, matvec(Q.swapaxes(1, 2), load)), Y)
+    multipliers = solve(R, matvec(Q.swapaxes(1, 2), load))
+    return _SplitLoad(load, multipliers[:, : len(loop_weights(robot))], Y)
+
+
+def constraint_rows(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute rows C (T, c, f) whose forces C' lambda balance any load of the rigid robot.
+
+    They are the loop equations J. For redundant motors, whose torques of least norm are t = G mu on the motor
+    side, the rows G' follow; then Y spans motions that move no motor along the range of G.
+    """
+    columns, units = locked_columns(robot)
+    rows = linearised.closures[:, :, columns] * loop_weights(robot)[:, None] * units
+    if robot.n_a == robot.n:
+        return rows
+    G, _ = motor_speeds(robot, linearised)
+    joint_torques = G * robot.gear_ratio[:, None]  # (T, n_a, n) by mu
+    of_motors = np.zeros((len(rows), robot.n, len(columns)))
+    of_motors[:, :, -robot.n_a :] = (joint_torques * units[-robot.n_a :, None]).swapaxes(1, 2)
+    of_motors /= robot.platform_scale[:, None]
+    return np.concatenate([rows, of_motors], axis=1)
 
 
 def locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
-    """Return the columns (f,) that move while the motors are locked, elastic ones first, and units (f,)."""
+    """Return the columns (f,) that move while the motors are locked, elastic ones first, and units (f,).
+
+    Redundant motors are among them, last: springs let them move against each other.
+    """
     columns = moving_columns(robot)
+    if robot.n_a > robot.n:
+        columns = np.append(columns, robot.actuated)
     units = robot.column_scale[columns].copy()
     units[: robot.n_e] = spring_units(robot)
     return columns, units

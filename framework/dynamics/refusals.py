@@ -23,11 +23,10 @@ def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConve
     size = np.abs(state.caused / spring_scale(robot))  # (T, n_e)
     instant, k = np.unravel_index(np.argmax(size), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
-    why = f" ({state.obstacle})" if state.obstacle else ""
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "
         f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
-        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking{why}; use stiffer "
+        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking; use stiffer "
         f"springs, geometry rigid, or another law",
         residual=state.change,
     )

@@ -11,6 +11,7 @@ problem is first solved for stiffer springs, which are then softened stepwise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +20,10 @@ from framework.dynamics.balance_equations import (
     BalanceEquations,
     BalanceState,
     Family,
-    LoadSlopes,
+    LinearBalance,
     Step,
-    resize_series,
 )
-from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.known_deflections import DeflectionSplines, KnownDeflections
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
@@ -36,29 +36,25 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, truncation limits the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
-MAX_MISFIT_OF_SLOPES = 1e-2  # of the state at which slopes are computed; above, they do not reveal truncation
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
 SETTLED_MISFIT = 2e-14  # rounding
 ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
-MIN_LAST_GAIN = 10.0  # factor by which a small enough misfit must fall for further coefficients
-FIRST_COEFFICIENTS = 48
-COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
-MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
-MAX_UNKNOWNS = 4000
-MAX_COEFFICIENTS = 400
-MAX_NEEDED_RATIO = 1.5  # extrapolated number of coefficients for a settled misfit, over the largest number
-MAX_STEPS = 12  # with the same number of coefficients
+MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
+ROUGH_MISFIT = 1e-9  # at which rates of springs are known well enough to discard a law
+FIRST_CELLS = 48
+MAX_SPLINES = 600
+MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
 SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
 
 
 class GaussNewtonResult(NamedTuple):
-    """The last iterate of Gauss-Newton at one truncation of the deflections."""
+    """The last iterate of Gauss-Newton on some cells."""
 
     state: BalanceState
-    is_solved: bool  # whether the misfit is as small as this truncation allows
-    slopes: LoadSlopes | None  # at a state near the last iterate
+    is_solved: bool  # whether the misfit is as small as the cells allow
+    linear: LinearBalance | None  # at a state near the last iterate
 
 
 class BalanceSolution(NamedTuple):
@@ -74,39 +70,38 @@ def solve_balance(
     branch: Branch,
     family: Family,
     steps: Array,
-    first: int,
     start: KnownDeflections | None = None,
     *,
-    most: int = MAX_COEFFICIENTS,
+    check: Callable[[KnownDeflections], None] = lambda _: None,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
     Args:
         family: laws by their scalars; the search begins at zero scalars.
         steps: (k,) of differences in the scalars.
-        first, most: number of coefficients of the deflections, at first and at most.
-        start: deflections from which the search begins.
+        start: deflections from which the search begins, on the cells that they need.
+        check: raises NoAnswer for deflections to be discarded; called as soon as they are roughly in balance.
 
     Raises:
-        NotConverged: no deflections in balance were found, or the robot has redundant motors.
+        NotConverged: no deflections in balance were found.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    if robot.n_a > robot.n:
-        raise NotConverged(
-            f"{robot.name}: deflections under redundant motors are not unique where the passes do not settle",
-            residual=np.inf,
-        )
     equations = BalanceEquations(branch, family, steps)
     scalars = np.zeros(len(steps))
     if start is None:
-        series = np.zeros((len(family(scalars).edges) - 1, first, robot.n_e))
+        splines = DeflectionSplines.uniform(family(scalars).edges, FIRST_CELLS)
+        series = np.zeros((splines.size, robot.n_e))
     else:
-        series = resize_series(start.series / equations.units, first)
-    result = _solve_by_softening(equations, series, scalars)
-    state = _refine_series(equations, result, most)
-    deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
-    return BalanceSolution(deflections, state.scalars, equations, state)
+        splines, series = start.splines, start.series / equations.units
+    result = _solve_by_softening(equations, equations.evaluate(splines, series, scalars))
+    while result.is_solved and result.state.misfit > ROUGH_MISFIT:
+        result = _halve_cells(equations, result)
+    check(equations.deflections(result.state))
+    while result.is_solved and result.state.misfit > MIN_GAIN * SETTLED_MISFIT:
+        result = _halve_cells(equations, result)
+    state = result.state
+    return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -116,19 +111,13 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
         As `solve_balance`.
     """
     clock: Clock = InTime(law, panel_edges(branch, law))
-    first = FIRST_COEFFICIENTS
     if isinstance(law, OptimalLaw):
-        clock, first = OnParameter(law, branch.knots), first_coefficient_count(law.degree)
-    return solve_balance(branch, lambda _: clock, np.zeros(0), first).deflections
+        clock = OnParameter(law, branch.knots)
+    return solve_balance(branch, lambda _: clock, np.zeros(0)).deflections
 
 
-def first_coefficient_count(degree: int) -> int:
-    """Return the initial number of coefficients of deflections, under an optimal law of a degree."""
-    return int(COEFFICIENTS_PER_DEGREE * degree) + 10
-
-
-def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Array) -> GaussNewtonResult:
-    """Solve at this truncation, if necessary by continuation in the stiffness of the springs.
+def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> GaussNewtonResult:
+    """Solve on the cells of `start`, if necessary by continuation in the stiffness of the springs.
 
     The continuation begins with springs MAX_STIFFENING times as stiff. Each step divides this factor by
     `softening`, which is replaced by its square root if the step fails.
@@ -137,10 +126,11 @@ def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Arr
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
-    result = _gauss_newton(equations, equations.evaluate(series, scalars))
+    result = _gauss_newton(equations, start)
     if result.is_solved:
         return result
-    stiffest = equations.evaluate(0.0 * series, scalars, stiffer=MAX_STIFFENING)
+    splines = start.splines
+    stiffest = equations.evaluate(splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
@@ -154,8 +144,8 @@ def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Arr
         state = solved.state
         stiffer = state.balance.stiffer
         softer = max(stiffer / softening, 1.0)
-        start = equations.evaluate(state.series * (stiffer / softer), state.scalars, stiffer=softer)
-        result = _gauss_newton(equations, start)
+        series = state.series * (stiffer / softer)
+        result = _gauss_newton(equations, equations.evaluate(splines, series, state.scalars, stiffer=softer))
         if result.is_solved and softer == 1.0:
             return result
         if result.is_solved:
@@ -170,72 +160,51 @@ def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Arr
     )
 
 
-def _gauss_newton(
-    equations: BalanceEquations, state: BalanceState, coarser: GaussNewtonResult | None = None
-) -> GaussNewtonResult:
-    """Iterate until the misfit is rounding, or as small as the truncation of the series allows.
+def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewtonResult:
+    """Iterate until the misfit is rounding, or as small as the cells allow.
 
-    Slopes and their factorisation are reused as long as the misfit falls quickly. The first slopes are those
-    of the `coarser` result, with fewer coefficients.
+    Slopes and their factorisation are reused as long as the misfit falls quickly.
     """
-    slopes = None if coarser is None else coarser.slopes
     linear = None
     for _ in range(MAX_STEPS):
         check_time()
-        if state.misfit <= SETTLED_MISFIT and slopes is not None:
-            return GaussNewtonResult(state, True, slopes)
-        are_fresh = slopes is None
-        slopes = slopes or equations.slopes(state)
-        linear = linear or equations.linearise(state, slopes)
+        if state.misfit <= SETTLED_MISFIT:
+            return GaussNewtonResult(state, True, linear)
+        are_fresh = linear is None
+        linear = linear or equations.linearise(state)
         step = linear.step(state)
-        is_enough = state.misfit <= ENOUGH_MISFIT  # fresh slopes would not be worth their cost
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
         if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
-            if coarser is None or is_enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
-                return GaussNewtonResult(state, True, slopes)
-            # the slopes were computed too far from this state to show whether truncation limits the misfit
-            slopes = equations.slopes(coarser.state)
-            linear = None
-            continue
+            return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
+        is_enough = state.misfit <= ENOUGH_MISFIT  # fresh slopes would not be worth their cost
         if new is None and (are_fresh or is_enough):
-            return GaussNewtonResult(state, is_enough, slopes)
+            return GaussNewtonResult(state, is_enough, linear)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
             ENOUGH_MISFIT,
         )
         if new is None or new.misfit > good_misfit:
-            slopes = linear = None
+            linear = None
         state = new or state
-    return GaussNewtonResult(state, False, slopes)
+    return GaussNewtonResult(state, False, linear)
 
 
-def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> BalanceState:
-    """Add coefficients until the misfit is settled, or `most` would not suffice.
+def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> GaussNewtonResult:
+    """Solve with the cells of the largest misfits halved.
 
-    A misfit that falls by less than MIN_LAST_GAIN counts as settled when it is small enough.
+    Where deflections are smooth, halving a cell divides its misfit by thousands. A misfit that falls by less
+    than MIN_GAIN is not due to the cells, and counts as not solved.
     """
-    state = result.state
-    largest = min(most, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
-    count = state.series.shape[1]
-    while result.is_solved and state.misfit > MIN_LAST_GAIN * SETTLED_MISFIT and count < largest:
-        last_misfit, last_count = state.misfit, count
-        # a misfit that falls as e^(-r count) is settled at count log(settled) / log(misfit)
-        growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
-        growth = np.clip(growth, MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH)
-        count = min(int(growth * count) + 1, largest)
-        start = equations.evaluate(resize_series(state.series, count), state.scalars)
-        result = _gauss_newton(equations, start, result)
-        state = result.state
-        gain = np.log(last_misfit / state.misfit)
-        least_ratio = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
-        if gain < np.log(least_ratio):
-            break
-        needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
-        if needed > MAX_NEEDED_RATIO * largest:
-            break
-    return state
+    state = coarse.state
+    # the cells above the geometric mean of the largest misfit and a settled one
+    splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
+    if splines.size > MAX_SPLINES:
+        return coarse._replace(is_solved=False)
+    start = equations.evaluate(splines, splines.insert(state.splines, state.series), state.scalars)
+    fine = _gauss_newton(equations, start)
+    return fine._replace(is_solved=fine.is_solved and MIN_GAIN * fine.state.misfit < state.misfit)
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
@@ -248,6 +217,7 @@ def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: St
     while share >= least_share:
         try:
             new = equations.evaluate(
+                state.splines,
                 state.series + share * step.series,
                 state.scalars + share * step.scalars,
                 stiffer=state.balance.stiffer,

@@ -22,9 +22,11 @@ import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
 from framework.dynamics.force_changes import force_changes
+from framework.dynamics.known_deflections import SplineFunction
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,
+    constraint_rows,
     load_at_rates,
     locked_columns,
     loop_weights,
@@ -37,21 +39,20 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.clock import OnParameter
 from framework.laws.optimal_law import OptimalLaw
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeFunction, coefficients
 from framework.numerics.ordered_sums import solve
 
 
 class TorqueResponse(NamedTuple):
     """Motor torques linearised about a motion in the coefficients y (n,) of the squared speed.
 
-    The argument of the functions is xi in place of time.
+    The argument of the functions is xi.
     """
 
     y: Array  # (n,) of the motion
     scalars: Array  # (k, n) derivatives of the law's scalars by y
-    torque: TimeFunction  # (n_a,) [N m] of the motion, motor side
-    slopes: TimeFunction  # (n_a n,) derivatives of the torque by y
-    speed: TimeFunction  # (n_a,) [rad] of the motors over d sigma/dt
+    torque: SplineFunction  # (n_a,) [N m] of the motion, motor side
+    slopes: SplineFunction  # (n_a n,) derivatives of the torque by y
+    speed: SplineFunction  # (n_a,) [rad] of the motors over d sigma/dt
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
@@ -59,19 +60,16 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     equations, state = solution.equations, solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
-    terms = _law_terms(clock.law, state.samples.parameters)
+    terms = _law_terms(clock.law, state.splines.nodes.p)
     per_term = _split_by_law_terms(equations, state)
     F_y = per_term.F @ terms.by_y  # (T, n_e, n)
-    linear = equations.linearise(state, equations.slopes(state))
+    linear = equations.linearise(state)
     changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))  # of deflections and scalars
     series, scalars = np.split(changes, [state.series.size])
-    series = series.reshape(*state.series.shape, -1)  # (panels, N, n_e, n)
+    series = series.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = per_term.torque @ terms.values[..., None]
     slopes = per_term.torque @ terms.by_y + _torques_of_deflections(equations.branch.robot, state, series)
-    functions = [
-        TimeFunction(clock.edges, coefficients(values.reshape(len(series), -1, values[0].size)))
-        for values in (torque, slopes, per_term.speed)
-    ]
+    functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, per_term.speed)]
     return TorqueResponse(clock.law.coefficients, scalars, *functions)
 
 
@@ -96,13 +94,11 @@ def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
 
 
 def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
-    """Compute changes (T, n_a, n) of torques by changes of deflections, series (panels, N, n_e, n)."""
-    panels, N, n_e, n = series.shape
+    """Compute changes (T, n_a, n) of torques by changes of deflections, series (size, n_e, n)."""
     slopes = _torque_slopes_by_springs(robot, state.balance)
-    torque = np.zeros((*slopes[0].shape[:2], n))
+    torque = np.zeros((*slopes[0].shape[:2], series.shape[2]))
     for slope, basis in zip(slopes, state.samples.bases, strict=True):  # value, rate, acceleration
-        changes = np.einsum("ptj,pjei->ptei", basis.reshape(panels, 2 * N, N), series)
-        torque += slope @ changes.reshape(-1, n_e, n)
+        torque += slope @ state.splines.combine(basis, series)
     return torque
 
 
@@ -186,9 +182,10 @@ def _balance_motors(
         accelerations: (T, n_a, k) of the actuated joints.
     """
     columns, units = locked_columns(robot)
-    J = balance.motion.linearised.closures * loop_weights(robot)[:, None]  # (T, m, nv)
-    Q, R, _ = factor_transposed(J[:, :, columns] * units)
+    linearised = balance.motion.linearised
+    Q, R, _ = factor_transposed(constraint_rows(robot, linearised))
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
-    joint_torque = forces[:, robot.actuated] - J[:, :, robot.actuated].swapaxes(1, 2) @ multipliers
+    J_a = linearised.closures[:, :, robot.actuated] * loop_weights(robot)[:, None]  # (T, m, n_a)
+    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ multipliers[:, : J_a.shape[1]]
     gear = robot.gear_ratio[:, None]
     return joint_torque / gear + robot.rotor_inertia[:, None] * gear * accelerations

@@ -3,8 +3,6 @@
 On a single cell the basis consists of Chebyshev polynomials instead. They give a law that is smooth
 everywhere, which deflections require. B-splines are never negative, and each overlaps only with five
 neighbours on either side. So z is positive if its coefficients are, and rows linear in z are sparse.
-
-Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from numpy.polynomial import chebyshev
 
 from framework.numerics.arrays import Array, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import coefficients, derivative_matrix, nodes
+from framework.numerics.splines import find_intervals, spline_values
 
 SPLINE_DEGREE = 5  # four derivatives of z are continuous; the second one of the torque contains all of them
 ONE_CELL = (-1.0, 1.0)
@@ -58,28 +57,19 @@ class SpeedBasis(ReadOnlyArrays):
         return read_only(inner_knots.mean(axis=1))
 
     def matrix(self, xi: Array, order: int = 0) -> Any:
-        """Return the sparse matrix (T, size) of all functions, or derivatives, at xi (T,).
-
-        The derivative of a spline of degree p with knots t and coefficients y is a spline of degree p - 1.
-        Its knots are t without the first and the last one, and its coefficients are
-        p (y_(i+1) - y_i) / (t_(i+p+1) - t_(i+1)).
-        """
+        """Return the sparse matrix (T, size) of all functions, or derivatives, at xi (T,)."""
         from scipy import sparse
 
         if not self.is_spline:
             values = chebyshev.chebvander(xi, self.size - 1)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
 
-        knots = self.knots
-        to_derivative = sparse.identity(self.size, format="csr")  # from y to coefficients of the derivative
-        for degree in range(SPLINE_DEGREE, SPLINE_DEGREE - order, -1):
-            factor = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])  # p / (t_(i+p+1) - t_(i+1))
-            shape = len(factor), len(factor) + 1
-            differences = sparse.diags_array([-factor, factor], offsets=[0, 1], shape=shape)
-            to_derivative = differences @ to_derivative
-            knots = knots[1:-1]
-        values = _spline_matrix(knots, SPLINE_DEGREE - order, np.clip(xi, -1.0, 1.0))
-        return sparse.csr_array(values @ to_derivative)
+        xi = np.clip(xi, -1.0, 1.0)
+        intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
+        values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
+        columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
+        rows = np.arange(0, columns.size + 1, SPLINE_DEGREE + 1)
+        return sparse.csr_array((values.ravel(), columns.ravel(), rows), shape=(len(xi), self.size))
 
     def series(self, y: Array) -> Array:
         """Return Chebyshev series (k, degree + 1) on the cells, for coefficients y (size,)."""
@@ -89,23 +79,3 @@ class SpeedBasis(ReadOnlyArrays):
         xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)  # (k, degree + 1)
         values = np.reshape(self.matrix(xi.ravel()) @ y, xi.shape)
         return coefficients(values[..., None])[..., 0]  # `coefficients` expects a trailing axis of components
-
-
-def _spline_matrix(knots: Array, degree: int, x: Array) -> Any:
-    """Compute the sparse matrix (T, size) of the B-splines of a degree at x (T,) in [-1, 1].
-
-    The recurrence of Cox and de Boor: between the knots t_k and t_(k+1) the splines k - degree to k are not
-    zero. `scipy.interpolate` has this matrix too, but importing it takes as long as finding a law.
-    """
-    from scipy import sparse
-
-    k = np.clip(np.searchsorted(knots, x, side="right") - 1, degree, len(knots) - degree - 2)
-    values = np.ones((len(x), 1))
-    for p in range(1, degree + 1):
-        start = knots[k[:, None] + np.arange(1 - p, 1)]  # (T, p)
-        end = knots[k[:, None] + np.arange(1, p + 1)]
-        share = (x[:, None] - start) / (end - start)
-        values = np.pad(values * (1.0 - share), ((0, 0), (0, 1))) + np.pad(values * share, ((0, 0), (1, 0)))
-    columns = k[:, None] + np.arange(-degree, 1)
-    rows = np.arange(0, columns.size + 1, degree + 1)
-    return sparse.csr_array((values.ravel(), columns.ravel(), rows), shape=(len(x), len(knots) - degree - 1))

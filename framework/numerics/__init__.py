@@ -6,8 +6,8 @@ represent all functions of time.
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
 * `ordered_sums`: linear algebra of stacks, in which each item is computed as if it were alone, to the last
   bit; row space and null space of a matrix;
-* `banded_lu`: factorisation of sparse matrices in a band; `krylov`: linear systems given by products alone;
-  `polytope`: zonotopes and slabs;
+* `banded_lu`: factorisation of sparse matrices in a band; `banded_rows`: least squares with banded rows;
+  `splines`: B-splines; `polytope`: zonotopes and slabs;
 * `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
   `bernstein`: bounds of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only access to the solver;

@@ -13,9 +13,12 @@ from functools import partial
 import numpy as np
 
 from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
-from framework.dynamics.singularity_crossings import find_instants
-from framework.errors import InvalidInput, NoLaw
+from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
+from framework.laws.clock import InTime
 from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
@@ -35,6 +38,10 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
+PlannedCrossing = tuple[CrossingPoint, Condition8]
+
+ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
+MAX_BALANCES = 12  # of law and deflections, until the polynomial passes the crossings
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
@@ -80,17 +87,77 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
             _check_advance(law, request, to_cross.points, name)
         return law
 
-    dynamics = resolve(
+    resolve_with = partial(
+        resolve,
         to_cross.searched,
-        choose_law,
         geometry=request.geometry,
         tolerance=request.tolerance,
         friction=request.friction,
     )
+    try:
+        dynamics = resolve_with(choose_law)
+    except (NotConverged, UnboundedTorque) as failure:
+        if request.geometry != "deformed":
+            raise
+        try:
+            balanced, deflections = _find_balanced_law(to_cross, request, timing)
+            dynamics = resolve_with(lambda *_: balanced, known=deflections)
+        except NoAnswer:
+            raise failure from None  # it says more
     law = dynamics.law
     assert isinstance(law, Law)
     _check_advance(law, request, dynamics.crossings, name)
     return certified_plan(to_cross, request, dynamics, law, timing)
+
+
+def _find_balanced_law(
+    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime]
+) -> tuple[Law, KnownDeflections]:
+    """Solve for law and deflections together, where passes of the deflections do not converge.
+
+    The scalars of the law are changes of its s" at the crossings. Deflections move the crossings along the
+    path, so that the polynomial is solved for again until it passes them at their times.
+
+    Raises:
+        NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
+    """
+    name = to_cross.branch.robot.name
+    times = np.array([time for time, _ in timing])
+    crossings = _undeformed_crossings(to_cross)
+    deflections: KnownDeflections | None = None
+    for _ in range(MAX_BALANCES):
+        law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
+        crossings = _deformed_crossings(to_cross, timing, deflections.at, law)
+        places = np.array([point.s for point, _ in crossings])
+        miss = float(np.abs(law(times) - places).max(initial=0.0))
+        if miss <= LAW_ROOT_ROUNDING:
+            return law, deflections
+    raise NotConverged(f"{name}: the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
+
+
+def _balance_accelerations(
+    to_cross: PathToCross,
+    request: Request,
+    timing: Sequence[CrossingTime],
+    crossings: Sequence[PlannedCrossing],
+    start: KnownDeflections | None,
+) -> tuple[Law, KnownDeflections]:
+    """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
+
+    Raises:
+        NoAnswer: as `solve_balance`.
+    """
+    branch = to_cross.branch
+
+    def law_of(shifts: Array) -> Law:
+        """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
+        return _solve_law(crossings, timing, request, branch.robot.name, shifts)
+
+    at_rest = np.zeros(len(crossings))
+    edges = panel_edges(branch, law_of(at_rest))
+    steps = at_rest + ACCELERATION_STEP / request.fixed_duration**2
+    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), steps, start)
+    return law_of(balance.scalars), balance.deflections
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
@@ -122,7 +189,7 @@ def _check_advance(
         check_advance(law, [crossing.s for crossing in crossings], name)
 
 
-def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
+def _undeformed_crossings(to_cross: PathToCross) -> list[PlannedCrossing]:
     """Return the crossing points of the undeformed robot with their conditions (8).
 
     Raises:
@@ -137,14 +204,14 @@ def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Co
 def _deformed_crossings(
     to_cross: PathToCross,
     timing: Sequence[CrossingTime],
-    deflections: TimeFunction,
+    deflections: Callable[[float, int], Array],
     law: MotionLaw | None,
-) -> list[tuple[CrossingPoint, Condition8]]:
+) -> list[PlannedCrossing]:
     """Compute the crossing points of the deflected robot, with their conditions (8).
 
     Args:
         timing: times and speeds of the crossings.
-        deflections: deflections (n_e) as a function of time.
+        deflections: deflections (n_e,) and their time derivatives as a function (t, order).
         law: the law of the last pass, near whose crossings the points are; None for the first pass.
 
     Raises:
@@ -161,10 +228,11 @@ def _deformed_crossings(
 
 
 def _solve_law(
-    crossings: list[tuple[CrossingPoint, Condition8]],
+    crossings: Sequence[PlannedCrossing],
     timing: Sequence[CrossingTime],
     request: Request,
     name: str,
+    shifts: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
 
@@ -172,15 +240,17 @@ def _solve_law(
         crossings: the points, each with the condition (8) that gives s".
         timing: times and speeds of the crossings.
         name: name of the robot, for messages.
+        shifts: (k,) [1/s^2] of s" at the crossings, from those of the conditions.
 
     Raises:
         InvalidInput: there is no such polynomial with the user's times.
         NoLaw: there is no such polynomial with chosen times.
     """
     duration = request.fixed_duration
+    shifts = np.zeros(len(crossings)) if shifts is None else shifts
     values = [
-        (point.s, speed, condition.acceleration(speed))
-        for (point, condition), (_, speed) in zip(crossings, timing, strict=True)
+        (point.s, speed, condition.acceleration(speed) + shift)
+        for (point, condition), (_, speed), shift in zip(crossings, timing, shifts, strict=True)
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:

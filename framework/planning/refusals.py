@@ -50,7 +50,7 @@ The optimal law:
 
     NoLaw: deflections turn a tangential touch into two crossings, or into none
         planning.optimal.optimal_task.check_single_crossings
-    NoLaw: springs and damping with redundant motors or rigid geometry
+    NoLaw: springs and damping with rigid geometry
         planning.optimal.optimal_motion.optimal_motion
     NoLaw: s" has no effect, and no speed meets condition (8)
         planning.optimal.optimal_task.check_speeds

@@ -54,7 +54,7 @@ def tails(robot, law) -> list[float]:
     found = []
     for size in (64, 128, 256):
         grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
-        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
+        state = solve_deflections(branch, grid, lambda *_: law, "rigid", law)
         found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
     return found
 

@@ -46,13 +46,14 @@ def test_a_tolerance_that_is_said_to_do_does():
 def test_the_last_change_is_part_of_the_verdict(monkeypatch):
     """Deflections that are off refuse a plan, however smooth its torques."""
     robot = robots.load("five_bar", flexibility="flexible_links")
-    honest = elasticity.solve_deflections
 
-    def unsettled(*arguments, **options):
-        state = honest(*arguments, **options)
-        return elasticity.replace(state, change=5.5e-8)
+    def unsettle(honest):
+        """Spoil the change of all solutions."""
+        return lambda *arguments, **options: elasticity.replace(honest(*arguments, **options), change=5.5e-8)
 
-    monkeypatch.setattr("framework.dynamics.inverse_dynamics.solve_deflections", unsettled)
+    for name in ("solve_deflections", "assess_deflections"):
+        spoiled = unsettle(getattr(elasticity, name))
+        monkeypatch.setattr(f"framework.dynamics.inverse_dynamics.{name}", spoiled)
     with pytest.raises(NotConverged, match=r"one more pass would change them by 5\.5e-08"):
         plan_scene(robot, "C")
 

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
 
 from framework import CrossingPlan, plan_crossing
 from framework.dynamics.balance_equations import BalanceEquations
@@ -52,6 +53,11 @@ def test_a_law_alone_has_the_torques_that_were_planned_with_it(kind, softness):
     assert np.abs(again.torque(t) - plan.torque(t)).max() <= 1e-7 * np.abs(plan.torque(t)).max()
 
 
+def smooth_noise(splines, rng, count):
+    """Random Chebyshev series (T, count) of degree 20 at the nodes of splines."""
+    return chebyshev.chebvander(splines.nodes.p, 20) @ rng.normal(size=(21, count))
+
+
 def test_slopes_of_the_balance_are_those_of_central_differences():
     plan, rng = planned("light five-bar"), np.random.default_rng(0)
     branch = search_path(plan.robot, plan.path).branch
@@ -63,16 +69,14 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
         return OnParameter(replace(plan.law, coefficients=coefficients, duration=0.0), branch.knots)
 
     equations = BalanceEquations(branch, slowed, np.array([1e-4]))
-    series = known.series / equations.units
-    step = 1e-5 * np.abs(series).max() * rng.normal(size=series.shape)
-    step /= np.arange(1.0, series.shape[1] + 1)[:, None] ** 4
-    state, pace = equations.evaluate(series, np.zeros(1)), np.array([1e-5])
+    splines, series = known.splines, known.series / equations.units
+    step = 1e-5 * np.abs(series).max() * splines.fit(smooth_noise(splines, rng, series.shape[1]))
+    state, pace = equations.evaluate(splines, series, np.zeros(1)), np.array([1e-5])
     near = state.balance.motion.q
-    ahead = equations.evaluate(series + step, pace, near=near).balance.F
-    behind = equations.evaluate(series - step, -pace, near=near).balance.F
-    by_series, by_scalars = equations._balance_slopes(state, equations.slopes(state))
-    foreseen = by_series @ step.reshape(len(step), -1, 1) + by_scalars @ pace[:, None]
-    foreseen = foreseen.reshape(ahead.shape)
+    ahead = equations.evaluate(splines, series + step, pace, near=near).balance.F
+    behind = equations.evaluate(splines, series - step, -pace, near=near).balance.F
+    by_series, by_scalars = equations.slopes(state)
+    foreseen = (by_series @ step.ravel() + by_scalars @ pace).reshape(ahead.shape)
     change = 0.5 * (ahead - behind)
     assert np.abs(change - foreseen).max() <= 1e-6 * np.abs(change).max()
 
@@ -82,9 +86,10 @@ def test_one_step_squares_a_small_error():
     branch = search_path(plan.robot, plan.path).branch
     known = deflections_of(branch, plan.law)
     equations = BalanceEquations(branch, lambda _: known.clock, np.zeros(0))
-    series = known.series / equations.units
-    falling = (1.0 + np.arange(series.shape[1])[:, None]) ** -4.0
-    off = 1e-3 * np.abs(series).max() * falling * np.random.default_rng(0).normal(size=series.shape)
-    state = equations.evaluate(series + off, np.zeros(0))
-    step = equations.linearise(state, equations.slopes(state)).step(state)
-    assert equations.evaluate(state.series + step.series, np.zeros(0)).misfit <= 1e-3 * state.misfit
+    splines, series = known.splines, known.series / equations.units
+    noise = smooth_noise(splines, np.random.default_rng(0), series.shape[1])
+    off = 1e-3 * np.abs(series).max() * splines.fit(noise)
+    state = equations.evaluate(splines, series + off, np.zeros(0))
+    step = equations.linearise(state).step(state)
+    new = equations.evaluate(splines, state.series + step.series, np.zeros(0))
+    assert new.misfit <= 1e-3 * state.misfit

@@ -11,12 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.restoration import (
-    MAX_COEFFICIENTS,
-    BalanceSolution,
-    first_coefficient_count,
-    solve_balance,
-)
+from framework.dynamics.restoration import BalanceSolution, solve_balance
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.clock import OnParameter
 from framework.laws.exact_duration import SpeedSpace
@@ -27,6 +22,7 @@ from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
+from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import problem_of
 
 SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, which makes deflections smooth
@@ -38,18 +34,15 @@ def find_law_in_balance(
     law: OptimalLaw,
     previous: KnownDeflections | None,
     speed_places: Sequence[float] | None = None,
-    *,
-    most: int = MAX_COEFFICIENTS,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         previous: deflections of a similar law, from which the search begins.
         speed_places: s at which the law has the required speeds; by default the crossing points.
-        most: largest number of coefficients of a deflection.
 
     Raises:
-        NotConverged: there is no such law near the given one.
+        NotConverged: there is no such law near the given one, or its springs are not at rest at the ends.
     """
     points = find_crossing_points(task)
     problem = problem_of(task, points, speed_places)
@@ -78,9 +71,10 @@ def find_law_in_balance(
         task.branch,
         shift_conditions,
         SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
-        first_coefficient_count(law.degree),
         previous,
-        most=most,
+        check=lambda rough: check_rest(  # accelerations are not yet known well enough
+            task.robot, lambda t: rough(t)[:2], rough.clock.law.duration, law.smoothness
+        ),
     )
     return shift_conditions(balance.scalars).law, balance
 

@@ -63,29 +63,25 @@ class ElasticStage(NamedTuple):
     """How smooth the law of an elastic robot has to be.
 
     share: of the least cost, by which a smooth law may exceed it.
-    max_coefficients: of a deflection; a smoother law is cheaper than more coefficients.
     max_squared_speed: limit of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
     """
 
     share: float
-    max_coefficients: int
     max_squared_speed: float = np.inf
 
 
 # tried in turn until deflections are resolved and at rest at both ends
 CAPPED_STAGES: tuple[ElasticStage, ...] = (
-    ElasticStage(4e-3, 240, 100.0),
-    ElasticStage(1e-2, 240, 20.0),
-    ElasticStage(2e-2, 240, 8.0),
-    ElasticStage(0.3, 240, 4.0),
-    ElasticStage(0.8, 400, 4.0),
-    ElasticStage(3.0, 400, 4.0),
+    ElasticStage(4e-3, 100.0),
+    ElasticStage(1e-2, 20.0),
+    ElasticStage(2e-2, 8.0),
+    ElasticStage(0.3, 4.0),
+    ElasticStage(0.8, 4.0),
+    ElasticStage(3.0, 4.0),
 )
-MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # for springs whose rates cause no forces
-# for redundant motors, whose deflections are found by fixed-point passes alone
-CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
-SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (4e-2, 0.15, 0.5, 3.0))
+MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
+SPLINE_STAGES = tuple(ElasticStage(share) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
 class OptimalMotion(NamedTuple):
@@ -110,15 +106,15 @@ def optimal_motion(task: Task) -> OptimalMotion:
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
-            f"rigid or redundant motors; use {other_law(task)}flexibility rigid"
+            f"rigid; use {other_law(task)}flexibility rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
-        is_redundant = task.geometry == "deformed" and not task.follows_balance
-        stages = CALM_STAGES if is_redundant else MASSLESS_STAGES
+        stages = MASSLESS_STAGES
         is_damped = robot.is_damped and robot.elastic_inertia
-        if task.geometry == "deformed" and (is_damped or springs_carry_inertia(task.branch)):
-            stages = CALM_STAGES if is_redundant else CAPPED_STAGES
+        if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
+            # redundant motors shake the springs between them: quick laws are never at rest at their ends
+            stages = CAPPED_STAGES[3:] if robot.n_a > robot.n else CAPPED_STAGES
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
@@ -260,7 +256,12 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, None)
         else:
             law, dynamics = self._balance_law(law)
-        check_rest(dynamics, law.smoothness)
+        check_rest(
+            self.task.robot,
+            lambda t: [dynamics.deflection(t, order) for order in range(3)],
+            dynamics.duration,
+            law.smoothness,
+        )
         return OptimalMotion(dynamics, law, best)
 
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
@@ -268,12 +269,9 @@ class _ElasticSearch:
 
         Deflections shift the crossings. The law is found again until the required speeds are met there.
         """
-        most = self.stages[self.stage].max_coefficients
         for _ in range(MAX_SPEED_STEPS):
             previous = self.balance and self.balance.deflections
-            law, self.balance = find_law_in_balance(
-                self.next_task, law, previous, self.speed_places, most=most
-            )
+            law, self.balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
             if self._has_required_speeds(law, dynamics):
                 break

@@ -35,7 +35,7 @@ class Task(NamedTuple):
     @property
     def follows_balance(self) -> bool:
         """Whether law and deflections of an elastic robot are solved for together."""
-        return self.geometry == "deformed" and self.robot.n_a == self.robot.n
+        return self.geometry == "deformed"
 
     @property
     def branch(self) -> Branch:

@@ -74,7 +74,7 @@ class Along:
         """Ours: on Chebyshev nodes."""
         ends, law = np.array([0.0, self.law.duration]), self.law
         grid = TimeGrid.clear_of(np.array(self.singular), ends, round(count))
-        state = solve_deflections(self.branch, grid, lambda *_: law, "rigid", None, law)
+        state = solve_deflections(self.branch, grid, lambda *_: law, "rigid", law)
         return grid.fit(motor_torque(self.robot, state.motion, state.forces.joint_torque))
 
     def proved(self, tolerance: float) -> Torque:

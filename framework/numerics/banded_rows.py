@@ -1,0 +1,55 @@
+"""Least squares with rows that have entries in a few adjacent columns, as those of splines."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.numerics.arrays import Array, IntArray
+
+
+def banded_rows(values: Array, columns: IntArray, count: int) -> Any:
+    """Return the sparse matrix (T R, count) of rows with `values` (T, R, W) in ascending columns (T, W)."""
+    from scipy.sparse import csr_array
+
+    T, R, W = values.shape
+    starts = np.arange(0, T * R * W + 1, W)
+    return csr_array((values.ravel(), np.repeat(columns, R, axis=0).ravel(), starts), shape=(T * R, count))
+
+
+def column_sizes(rows: Any) -> Array:
+    """Compute the Euclidean norms (C,) of the columns of a sparse matrix."""
+    return np.sqrt(np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1]))
+
+
+class BandedFactor(NamedTuple):
+    """Cholesky's factor of a banded matrix, as lower diagonals (W, C)."""
+
+    diagonals: Array
+
+    @staticmethod
+    def of_squares(rows: Any, added: float) -> BandedFactor:
+        """Factor B'B + added I of rows B by Cholesky's method.
+
+        Args:
+            rows: as returned by `banded_rows`, with ascending first columns.
+        """
+        from scipy.linalg import cholesky_banded
+
+        width = int(rows.indptr[1])
+        entries = rows.data.reshape(-1, width)
+        columns, first_rows = np.unique(rows.indices[::width], return_index=True)  # rows in the same columns
+        groups = np.split(entries, first_rows[1:])
+        products = np.stack([group.T @ group for group in groups])  # (groups, W, W)
+        diagonals = np.zeros((width, rows.shape[1]))  # diagonal d below the main one in row d
+        diagonals[0] = added
+        for k in range(width):  # no two groups share their k-th column
+            diagonals[: width - k, columns + k] += products[:, k:, k].T
+        return BandedFactor(cholesky_banded(diagonals, lower=True, check_finite=False))
+
+    def solve(self, right: Array) -> Array:
+        """Solve for right sides (C, k)."""
+        from scipy.linalg import cho_solve_banded
+
+        return np.asarray(cho_solve_banded((self.diagonals, True), right, check_finite=False))
