@@ -42,6 +42,7 @@ from framework.numerics.ordered_sums import matvec
 from framework.tolerances import WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
+NEGLIGIBLE_SPRING = 1e-3  # rate or acceleration over that of the quickest spring; below, rest counts less
 
 
 class SampledMotion(NamedTuple):
@@ -273,21 +274,23 @@ class BalanceEquations:
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
-        Rows are the rate and the acceleration of each deflection at both ends of the motion, times powers of
-        the duration. There are none if rates cause no forces.
+        Rows are the rate and the acceleration of each spring at both ends of the motion, over its largest.
+        There are none if rates cause no forces.
         """
-        splines, clock = state.splines, state.samples.clock
+        splines, prescribed = state.splines, state.samples.prescribed
         if self.orders == 1:
             return np.zeros((0, state.series.size + len(self.steps)))
         ends = splines.cells[[0, -1]]
         intervals = splines.intervals[[0, -1]]
-        _, rate, acceleration = clock.motion(ends)
+        _, rate, acceleration = state.samples.clock.motion(ends)
         bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]
-        scales = clock.law.duration ** np.arange(1, 3)[:, None, None]
         rows = np.zeros((2, 2, splines.size))  # order by end
-        rows[:, np.arange(2)[:, None], splines.columns(intervals)] = scales * bases
-        by_series = np.kron(rows.reshape(4, -1), np.eye(len(self.units)))  # the same for each spring
-        return np.pad(by_series, ((0, 0), (0, len(self.steps))))
+        rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
+        sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
+        largest = sizes.max(axis=1, keepdims=True)
+        weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
+        by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))
+        return np.pad(by_series.reshape(-1, state.series.size), ((0, 0), (0, len(self.steps))))
 
 
 def _time_bases(bases: Array, rate: Array, acceleration: Array) -> Array:

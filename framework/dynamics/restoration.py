@@ -11,7 +11,6 @@ problem is first solved for stiffer springs, which are then softened stepwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +39,6 @@ MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; abo
 SETTLED_MISFIT = 2e-14  # rounding
 ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
-ROUGH_MISFIT = 1e-9  # at which rates of springs are known well enough to discard a law
 FIRST_CELLS = 48
 MAX_SPLINES = 600
 MAX_STEPS = 12  # on the same cells
@@ -71,8 +69,6 @@ def solve_balance(
     family: Family,
     steps: Array,
     start: KnownDeflections | None = None,
-    *,
-    check: Callable[[KnownDeflections], None] = lambda _: None,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
@@ -80,7 +76,6 @@ def solve_balance(
         family: laws by their scalars; the search begins at zero scalars.
         steps: (k,) of differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
-        check: raises NoAnswer for deflections to be discarded; called as soon as they are roughly in balance.
 
     Raises:
         NotConverged: no deflections in balance were found.
@@ -95,9 +90,6 @@ def solve_balance(
     else:
         splines, series = start.splines, start.series / equations.units
     result = _solve_by_softening(equations, equations.evaluate(splines, series, scalars))
-    while result.is_solved and result.state.misfit > ROUGH_MISFIT:
-        result = _halve_cells(equations, result)
-    check(equations.deflections(result.state))
     while result.is_solved and result.state.misfit > MIN_GAIN * SETTLED_MISFIT:
         result = _halve_cells(equations, result)
     state = result.state

@@ -22,7 +22,6 @@ from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
-from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import problem_of
 
 SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, which makes deflections smooth
@@ -42,7 +41,7 @@ def find_law_in_balance(
         speed_places: s at which the law has the required speeds; by default the crossing points.
 
     Raises:
-        NotConverged: there is no such law near the given one, or its springs are not at rest at the ends.
+        NotConverged: there is no such law near the given one.
     """
     points = find_crossing_points(task)
     problem = problem_of(task, points, speed_places)
@@ -72,9 +71,6 @@ def find_law_in_balance(
         shift_conditions,
         SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
         previous,
-        check=lambda rough: check_rest(  # accelerations are not yet known well enough
-            task.robot, lambda t: rough(t)[:2], rough.clock.law.duration, law.smoothness
-        ),
     )
     return shift_conditions(balance.scalars).law, balance
 
