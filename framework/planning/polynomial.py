@@ -97,7 +97,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     try:
         dynamics = resolve_with(choose_law)
     except (NotConverged, UnboundedTorque) as failure:
-        if request.geometry != "deformed":
+        if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
             balanced, deflections = _find_balanced_law(to_cross, request, timing)

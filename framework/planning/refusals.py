@@ -89,6 +89,7 @@ The motion, under either law or one of the user's own:
     NotConverged: no law near this one has deflections in balance
         dynamics.restoration.solve_balance
         planning.optimal.elastic_balance.find_law_in_balance
+        planning.polynomial.plan_polynomial
     SpringsTooSoft: even much stiffer springs would deflect beyond the range of the model
         dynamics.restoration.solve_balance
     NotConverged: springs tear the loops open
