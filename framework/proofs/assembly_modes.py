@@ -1,11 +1,14 @@
 """All poses of the platform for given motor joints: the assembly modes, each proved, and their number.
 
-A leg that is a rod between two points, however it is driven, imposes a linear condition on the platform's
-displacement (`find_leg_conditions`). If all legs do, their conditions are a system of quadrics with a known
-bound on the number of solutions: 40 for six legs in space, 8 for three about a point, 6 for three in a plane,
-2 for points on circles or spheres. `homotopy` continues all complex solutions of a random system to solutions
-of this one, and Krawczyk's test encloses each: the enclosure holds exactly one solution, for all coefficients
-within their rounding. The `status` says in which sense the real solutions are all:
+A leg is a chain from the base to the platform, made of joints of the tree and of one or more closures. Its
+passive joints are moved at random, and the functions of `study_quadric` are evaluated at the resulting
+displacements of the platform. The null space of this table contains the linear conditions that all
+displacements satisfy. A rod between two points gives one condition, whatever joints it has at its ends, so
+rods are recognised without being declared.
+
+If the legs give enough conditions, these are a system of quadrics with a known bound on the number of
+solutions: 40 for six legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on
+circles or spheres. `homotopy` finds all real solutions. The `status` says in which sense they are all:
 
 proved                     as many solutions as the bound are proved and pairwise apart, or the joints are
                            paved: there are no others
@@ -16,27 +19,35 @@ numerically complete       as many paths as the bound end at solutions that are 
 at least                   some paths are lost or end at multiple solutions, or no bound is known
 architecturally singular   the conditions depend on one another in every pose: no pose is isolated
 
-For all other robots Newton's method searches closed poses from many starts, and the Newton-Kantorovich
-theorem proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that
-there are no other poses; otherwise the number found is a lower bound.
+If the legs give too few conditions, Newton's method searches closed poses from many starts, and the
+theorem of Newton and Kantorovich proves each. If only few joints follow the motors, paving these joints
+(`leg_paving`) proves that there are no other poses; otherwise the number found is a lower bound.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.placements import planar_normal
+from framework.model.description import AXES, Closure
+from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.proofs.leg_conditions import LegConditions, find_leg_conditions
+from framework.proofs.equation_terms import planar_axis
+from framework.proofs.homotopy import PathCount, RealSolutions, Status, find_real_solutions
 from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import (
+    RANDOM_STARTS,
     close_all_loops,
     distance_from_reference,
     distinct_rows,
@@ -45,10 +56,18 @@ from framework.proofs.passive_joints import (
     has_one_solution_near,
     remove_whole_turns,
 )
-from framework.proofs.real_displacements import PathCount, RealSolutions, Status, find_real_solutions
-from framework.tolerances import DISTINCT_SOLUTIONS
+from framework.proofs.study_quadric import (
+    Displacements,
+    displacement_functions,
+    planar_displacements,
+    spatial_displacements,
+    spherical_displacements,
+    translation_displacements,
+)
+from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
-RANDOM_STARTS = 300  # of Newton's method, for robots without linear leg conditions
+SAMPLE_POSES = 60  # of a leg: more than three for each of the 17 functions
+MAX_LEGS = 32  # a robot with more chains from the base to the platform has no conditions
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,3 +202,187 @@ def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> b
     candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
     offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
     return are_leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)
+
+
+# ------------------------------------------------------------------ conditions of the legs
+
+
+@dataclass(frozen=True, eq=False)
+class LegConditions(ReadOnlyArrays):
+    """Linear conditions (K, M) on the platform's displacement, motors locked."""
+
+    group: Displacements
+    coefficients: Array  # (K, M) of unit size, lengths in robot lengths
+    rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
+
+
+class _Edge(NamedTuple):
+    """A joint of the tree or a closure, from one body to another."""
+
+    to: int  # body at the end of the edge
+    joint: int  # of the tree; 0 for a closure
+    closure: Closure | None  # None for a joint of the tree
+    forward: bool  # whether it leads from parent to child, or from a closure's first frame to its second
+
+
+def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+    """Find the conditions of all legs, motors as in q (nq,); None if too few.
+
+    The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
+    column for each function of the platform's displacement.
+    """
+    group = _displacement_group(robot)
+    if group is None:
+        return None
+    sampler = _Sampler.of(robot, q, group.only_translates)
+    conditions = list[Array]()
+    rounding = 0.0
+    for count, chain in enumerate(_leg_chains(robot)):
+        if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
+            return None
+        table = displacement_functions(*sampler.sample_displacements(chain))[:, group.chosen]
+        _, singular_values, V_rows = np.linalg.svd(table)
+        rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
+        condition_number = singular_values[0] / singular_values[rank - 1]  # of the row space
+        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
+        conditions.append(V_rows[rank:])  # the null space
+    rows = np.concatenate(conditions)
+    K = group.family.equations
+    if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
+        return None
+    if len(rows) > K:  # K random combinations replace the conditions, of which there are too many
+        rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
+        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    return LegConditions(group, rows, rounding)
+
+
+def _displacement_group(robot: ParallelRobot) -> Displacements | None:
+    """Choose the group of the platform's displacements; None without a known family."""
+    if not len(robot.following) or robot.rows.has_couplings:
+        return None
+    if planar_normal(robot) is not None:
+        axis = planar_axis(robot)
+        along = robot.platform.along.tolist()
+        if axis is None or axis in along or len(along) != 2:
+            return None
+        if robot.n == 2:
+            return translation_displacements(tuple(sorted(along)))
+        return planar_displacements(axis) if robot.n == 3 else None
+    if robot.n == 3 and not robot.translations.any():
+        return spherical_displacements()
+    return spatial_displacements() if robot.translations.any() else None
+
+
+def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
+    """Yield all chains from the base to the platform's body that visit no body twice."""
+    model = robot.model
+    edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
+
+    def connect(first: int, second: int, joint: int, closure: Closure | None) -> None:
+        """Add the edges between two bodies, in both directions."""
+        edges[first].append(_Edge(second, joint, closure, True))
+        edges[second].append(_Edge(first, joint, closure, False))
+
+    for joint in range(1, model.njoints):
+        connect(model.parents[joint], joint, joint, None)
+    for closure in robot.description.closures:
+        first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
+        connect(first, second, 0, closure)
+    platform = model.frames[robot.frames[0]].parentJoint
+
+    def continue_chain(body: int, visited: frozenset[int]) -> Iterator[list[_Edge]]:
+        """Yield all chains from a body to the platform that visit no body twice."""
+        if body == platform:
+            yield []
+            return
+        for edge in edges[body]:
+            if edge.to not in visited:
+                for rest in continue_chain(edge.to, visited | {edge.to}):
+                    yield [edge, *rest]
+
+    yield from continue_chain(0, frozenset({0}))
+
+
+def _motions_are_group(closure: Closure | None) -> bool:
+    """Return whether the relative motions that a closure allows form a group; True for a joint (None).
+
+    They do not if exactly two rotations are free, or if several distances are prescribed.
+    """
+    if closure is None:
+        return True
+    free_turns = np.isin(AXES[3:], closure.axes, invert=True)
+    return np.count_nonzero(free_turns) != 2 and len(ROW_KINDS.keys() & closure.axes) <= 1
+
+
+class _Sampler(NamedTuple):
+    """Draws random poses of chains."""
+
+    robot: ParallelRobot
+    placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
+    normal: Array | None  # (3,) of a planar robot, base axes
+    data: pin.Data  # at the reference
+    only_translates: bool  # whether displacements are translations of the platform frame's origin
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array, only_translates: bool) -> _Sampler:
+        """Draw SAMPLE_POSES poses of all joints, motors and springs locked as in q (nq,).
+
+        Passive joints move by up to half a turn or a robot length.
+        """
+        data = robot.model.createData()
+        placements = []
+        for pose in draw_starts(robot, q[None], robot.passive, SAMPLE_POSES):
+            pin.forwardKinematics(robot.model, data, pose)
+            placements.append([pin.SE3(placement) for placement in data.liMi])
+        pin.framesForwardKinematics(robot.model, data, robot.reference.q)
+        return _Sampler(robot, placements, planar_normal(robot), data, only_translates)
+
+    def sample_displacements(self, chain: list[_Edge]) -> tuple[Array, Array]:
+        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain."""
+        R = np.empty((SAMPLE_POSES, 3, 3))
+        p = np.empty((SAMPLE_POSES, 3))
+        rng = np.random.default_rng(1)
+        platform = self.robot.frames[0]
+        reference = self.data.oMf[platform]
+        for k in range(SAMPLE_POSES):
+            pose = pin.SE3.Identity()
+            for edge in chain:
+                step = self.placements[k][edge.joint]
+                if edge.closure is not None:
+                    step = self._draw_closure_pose(edge.closure, rng)
+                pose = pose * (step if edge.forward else step.inverse())
+            pose = pose * self.robot.model.frames[platform].placement
+            displacement = pose * reference.inverse()
+            R[k] = displacement.rotation
+            p[k] = displacement.translation
+            if self.only_translates:
+                p[k] = pose.translation - reference.translation
+        return R, p / self.robot.length
+
+    def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
+        """Draw a pose that a closure allows, of the second body in the first.
+
+        Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
+        closure with a length keeps the length. In a planar robot a closure with three free rotations turns
+        about the normal alone.
+        """
+        ends = [self.robot.model.getFrameId(name) for name in closure.frames]
+        placements = [self.robot.model.frames[k].placement for k in ends]
+        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
+        distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
+        offset = rng.uniform(-1, 1, 3) * self.robot.length
+        offset[locked_shifts] = 0.0
+        turn = rng.uniform(-np.pi, np.pi, 3)  # rotation vector, in the first frame
+        if self.normal is None or locked_turns.any():
+            turn[locked_turns] = 0.0
+            rotation = pin.exp3(turn)
+        else:
+            R_a, R_b = (self.data.oMf[k].rotation for k in ends)
+            normal = R_a.T @ self.normal  # in the first frame
+            if distances:
+                offset -= normal * (normal @ offset)
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
+        for distance in distances:
+            assert closure.length is not None
+            offset = distance.satisfy(offset, closure.length)
+        return placements[0] * pin.SE3(rotation, offset) * placements[1].inverse()

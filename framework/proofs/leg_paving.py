@@ -1,4 +1,4 @@
-"""Proof that the equations of a leg have no other solutions, by paving its joints (`completeness`).
+"""Proof that the equations of a leg have no solutions besides the known ones, by paving its joints.
 
 The equations are those of the loops whose moving joints all belong to the leg, and those of the platform's
 position and attitude. Seen from one frame of a loop, each joint enters a loop equation once, by the cosine
@@ -6,10 +6,14 @@ and sine of its angle or by its length. So the second derivatives of a carried p
 hinges by the lesser of their distances from the point, all links in one line; along a hinge and a slide by 1;
 along two slides by 0. These bounds hold in boxes of any width; the bounds of `derivative_bounds` are sharp in
 small boxes.
+
+A known solution is the only one in some box about it (`unique_radius`). All other boxes are narrowed and
+halved until none of them can hold a solution, or one is too small to be halved.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,19 +27,18 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.tree_model import single_columns
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray, IntArray, select
 from framework.numerics.ordered_sums import cross
-from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_only_known_solutions
+from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.equation_terms import BASE, joints_between
-from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import REACH_MARGIN
-from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
+from framework.proofs.interval_newton import LinearEnclosure, contract, damped_inverses
+from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, identity_defect
+from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 MAX_JOINTS = 4
-INITIAL_PARTS = 2  # into which a whole turn is cut at first
-SLIDE_SLOPE_ROUNDING = 1e-9  # of a squared slope along a slide, against 1
-RANDOM_SEED = 5
+MAX_BOXES = 60_000
+
+Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and radii (B, n) of boxes
 
 
 def are_leg_solutions_complete(
@@ -86,24 +89,88 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
-    """Return boxes that cover all hinge angles, and all slide lengths at which the chain can close.
+    """Return a box of all hinge angles, and all slide lengths at which the chain can close.
 
-    The whole turn of each hinge is cut into INITIAL_PARTS. A slide reaches from its zero to the bound of
-    `bound_slide`, in both directions. Without such a bound the result is None.
+    A slide reaches from its zero to the bound of `bound_slide`, in both directions. Without such a bound the
+    result is None.
     """
     robot = equations.robot
     own = equations.own
-    half_width = np.pi / INITIAL_PARTS
-    middles = [np.arange(-np.pi + half_width, np.pi, 2 * half_width)] * len(own)  # along each joint
-    radii = np.full(len(own), half_width)
+    middle = np.zeros(len(own))  # offsets from q
+    radii = np.full(len(own), ROUND_UP * np.pi)
     for slide in np.flatnonzero(robot.sliding[own]):  # at most one
         farthest = equations.bound_slide()
         if farthest is None:
             return None
-        middles[slide] = -equations.slide_lengths(equations.q)[own[[slide]]] / robot.length  # from q
+        middle[slide] = -equations.slide_lengths(equations.q)[own[slide]] / robot.length
         radii[slide] = farthest
-    grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, len(own))
-    return Boxes(grid, np.tile(radii, (len(grid), 1)))
+    return Boxes(middle[None], radii[None])
+
+
+class KnownSolutions(NamedTuple):
+    """Known solutions, each alone in a box about its point."""
+
+    points: Array  # (k, n) offsets of n joints
+    radii: Array  # (k,) of the boxes
+    period: Array  # (n,) of the coordinates: a whole turn of angles, inf of lengths
+
+    @staticmethod
+    def of(equations: Equations, points: Array, period: Array) -> KnownSolutions:
+        """Return points (k, n) with the radii in which each is the only solution."""
+        radii = np.array([unique_radius(equations, point) for point in points])
+        return KnownSolutions(points, radii, period)
+
+    def contains(self, boxes: Boxes) -> BoolArray:
+        """Return whether each of B boxes lies in the box of one solution, (B,).
+
+        Angles are compared modulo whole turns, so distances are the shortest ones modulo the period.
+        """
+        offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)
+        distance = np.minimum(offset, self.period - offset)
+        farthest = (distance + boxes.radii[:, None]).max(axis=2)  # (B, k) points of the boxes
+        return np.any(farthest < self.radii, axis=1)
+
+
+def unique_radius(equations: Equations, point: Array) -> float:
+    """Compute the radius of a box about a point (n,) with at most one solution; 1 at most.
+
+    Let J (m, n) be the Jacobian at the point, Y its pseudo-inverse and dJ a bound on the change of J within
+    the box. Two solutions in the box are impossible if the mean Jacobian between any two of its points has
+    full rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Up to radius 1, dJ grows in proportion
+    to the radius. The errors of the equations in a box of radius 1 bound second-order terms, so the row sums
+    of dJ at radius 1 are twice these errors.
+    """
+    n = len(point)
+    linear = equations(point[None], np.ones((1, n)))  # in a box of radius 1
+    Y = np.linalg.pinv(linear.slopes)  # (1, n, m)
+    defect = identity_defect(Y, linear.slopes).sum(axis=2).max()
+    change = 2 * np.matvec(np.abs(Y), linear.errors).max()  # row sum of |Y| dJ at radius 1
+    return min((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
+
+
+def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
+    """Return whether boxes provably hold only known solutions; False if undecided.
+
+    A box is dropped if its linear enclosure has no solution, or if it lies in the box of a known solution.
+    Otherwise the enclosure narrows it, or it is cut.
+    """
+
+    def test(boxes: Boxes) -> Examined[Boxes, None]:
+        """Narrow boxes; drop boxes without other solutions; test again or halve the rest."""
+        linear = equations(*boxes)
+        remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
+        all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
+        is_open = ~remaining.empty & ~known.contains(all_narrow)
+
+        narrow = select(all_narrow, is_open)
+        is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
+        no_axis = np.full(narrow.size, NO_AXIS)
+        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, no_axis, is_small)
+        return Examined(None, undecided, pending)
+
+    # One undecided box spoils the proof. With equal distances no box is nearer than it, so the search ends.
+    end = branch_and_bound(test, boxes, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
+    return not (end.undecided.size or end.pending.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +295,7 @@ class LegEquations:
         """
         robot = self.robot
         slide = np.flatnonzero(robot.sliding[self.own])[0]
-        joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, len(self.own)))
+        joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))
         squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, equations)
         chain_of = self.chain_of  # of each equation
         is_translation = ~robot.rows.rotation[self.loops]
@@ -243,7 +310,7 @@ class LegEquations:
         bounds = []
         for k, chain in enumerate(self.chains):
             translations = np.flatnonzero(is_translation & (chain_of == k))
-            if np.all(squares[:, translations].sum(axis=1) > 1 - SLIDE_SLOPE_ROUNDING):
+            if np.all(squares[:, translations].sum(axis=1) > 1 - RANK_ROUNDING):
                 bounds.append((chain.length @ lengths + offset) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 

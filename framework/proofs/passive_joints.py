@@ -18,13 +18,13 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
+from framework.proofs.rounding import ROUND_UP, approximate_inverses, identity_defect
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
-RANDOM_STARTS = 24  # for each pose of the platform
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
+RANDOM_STARTS = 300  # of a search for all solutions
+STARTS_PER_POSE = 24  # of the platform
 RANDOM_SEED = 11
-MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X J - 1| for an inverse X that a proof uses
-INVERSE_FACTOR = 1.2  # from the norm of X to a bound on |J^-1|: more than 1 / (1 - MAX_INVERSE_DEFECT)
+MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
 def find_joints_at_poses(
@@ -39,8 +39,8 @@ def find_joints_at_poses(
         positions: (k, 3) of the frame's origin.
         rotations: (k, 3, 3) of the frame; None to leave them free.
     """
-    targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
-    target_rotations = None if rotations is None else np.repeat(rotations, RANDOM_STARTS, axis=0)
+    targets = np.repeat(positions, STARTS_PER_POSE, axis=0)  # (T, 3)
+    target_rotations = None if rotations is None else np.repeat(rotations, STARTS_PER_POSE, axis=0)
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute offsets (T, 3 or 6) of the platform's frame from the targets, and slopes (T, .., nv)."""
@@ -52,11 +52,11 @@ def find_joints_at_poses(
         turns = _rotation_offsets(frames.rotation[:, 0], target_rotations)
         return np.hstack([offsets, turns]), slopes
 
-    starts = np.tile(draw_starts(robot, q, robot.passive, RANDOM_STARTS), (len(positions), 1))
+    starts = np.tile(draw_starts(robot, q, robot.passive, STARTS_PER_POSE), (len(positions), 1))
     q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     nearest_poses = list[Array | None]()
-    for first in range(0, len(q), RANDOM_STARTS):
-        of_target = slice(first, first + RANDOM_STARTS)
+    for first in range(0, len(q), STARTS_PER_POSE):
+        of_target = slice(first, first + STARTS_PER_POSE)
         candidates = remove_whole_turns(robot, q[of_target][closed[of_target]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
@@ -150,28 +150,33 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     With `platform_locked` the platform is locked instead of the motors; springs are always locked. The
     theorem of Newton and Kantorovich (Ortega 1968) requires beta^2 K |F| <= 1/2 in the largest-entry norm, in
     radians and robot lengths. F (k,) are the loop equations (and the platform's), J (k, k) is their Jacobian,
-    beta = |J^-1|, and K = k^2 max |d2F| bounds the change of J. The second derivatives are bounded by the
-    length L of all links in one line: no joint turns a frame at a larger distance, and an equation is a
-    product of two vectors that turn. Each such product has second derivatives of at most 4 L^2 for L >= 1,
-    doubled here as a margin.
+    and K = k^2 max |d2F| bounds the change of J. With X near J^-1, beta = |X| / (1 - |1 - X J|) bounds
+    |J^-1|. The second derivatives are bounded by the length L of all links in one line: no joint turns a
+    frame at a larger distance, and an equation is a product of two vectors that turn. Each such product has
+    second derivatives of at most 4 L^2 for L >= 1, doubled here as a margin.
     """
     linearised = linearised_at(robot, q[None], None)
     matrix_of = type1_matrix if platform_locked else passive_matrix
-    J = matrix_of(robot, linearised)[0]  # (k, k)
-    if J.shape[0] != J.shape[1]:
-        return False
-    inverse = np.linalg.pinv(J)
-    if np.abs(inverse @ J - np.eye(len(J))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
+    J = matrix_of(robot, linearised)  # (1, k, k)
+    k = J.shape[1]
+    if k != J.shape[2]:
         return False
     max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
+    row_size = robot.structure.row_sizes.min(initial=1.0)
+    rounding = FRAME_ROUNDING * max_length / row_size  # of an equation or an entry of J
+
+    X = approximate_inverses(J)
+    X_norm = ROUND_UP * np.abs(X).sum(axis=2).max()
+    defect = ROUND_UP * identity_defect(X, J).sum(axis=2).max() + X_norm * k * rounding
+    if defect >= 1.0:
+        return False
+    beta = X_norm / (1.0 - defect)
+
     gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]  # of the loops
-    residual = gaps.max() + FRAME_ROUNDING * max_length
     units = np.where(robot.loops.square, robot.length, 1.0)
     max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = 8.0 * max_length**2 * max_weight / robot.structure.row_sizes.min(initial=1.0)
-    K = len(J) ** 2 * second_derivative
-    beta = INVERSE_FACTOR * np.abs(inverse).sum(axis=1).max()
-    return bool(beta**2 * K * residual <= 0.5)
+    K = k**2 * 8.0 * max_length**2 * max_weight / row_size
+    return bool(beta**2 * K * (gaps.max() + rounding) <= 0.5)
 
 
 def distinct_rows(joints: Array) -> list[int]:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
@@ -35,7 +36,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, assign, join, 
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import moving_balls
-from framework.proofs.krawczyk import widen_until_proved
+from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
 from framework.proofs.rounding import (
     ROUND_UP,
     WIDENING_RATIO,
@@ -47,15 +48,11 @@ from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
-CELLS_PER_BATCH = 1024
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
 MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
-MAX_STEP = 0.5  # [rad, lengths] largest motion of a joint before the loops are closed
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
-MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
-MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
 
@@ -172,7 +169,7 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
         return Examined(select(cubes, proved), undecided, pending)
 
     partition = branch_and_bound(
-        examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
+        examine, first, max_examined=max_cells, distance=grid.distances, limit=within
     )
     proved = join(partition.proved)
     proved = select(proved, grid.distances(proved) < partition.limit)
@@ -243,7 +240,8 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
     fails, the extrapolated joints are returned.
     """
     robot = test.bounds.robot
-    change = np.clip(np.matvec(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
+    change = np.matvec(cells.slope, z - cells.z)  # (S, k)
+    change = np.clip(change, -MAX_NEWTON_STEP, MAX_NEWTON_STEP)
     guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
     result = close_each(robot, test.x + z * robot.platform_scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
@@ -278,9 +276,9 @@ class CellTest(NamedTuple):
         F = derivatives.values.copy()  # (S, k)
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
-        Y = approximate_inverses(dF)
-        slope = Y[:, :, : robot.n]
-        boxes = _prove_joint_boxes(derivatives, F, Y, _bound_over_cell(slope, half, ball))
+        newton = NewtonMap.of(dF, F)
+        slope = newton.Y[:, :, : robot.n]
+        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, ball))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
         P = dF[:, robot.n :, robot.n_a :]
         signs = np.stack([np.linalg.slogdet(block).sign for block in (dF, P)], axis=1)
@@ -307,7 +305,7 @@ def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
     return (sizes.T * half).T  # `half` multiplies along the first axis
 
 
-def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
+def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array) -> _JointBoxes:
     """Widen boxes of k joints about the middles of S cells until Krawczyk's test holds.
 
     The map q - Y F takes a box of radii r into a box of radii reach + error, with
@@ -315,26 +313,22 @@ def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach:
         error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
 
     Args:
-        values: (S, k) F at the middles.
-        Y: (S, k, k) approximate inverses of dF/dq at the middles.
+        newton: the map at the middles.
         reach: (S, k) largest linear change of the joints with x within the cell.
     """
-    Y_size = np.abs(Y)
-    value_errors = gamma(Y.shape[1]) * np.abs(values) + derivatives.bounds.rounding
-    offset = np.abs(np.matvec(Y, values)) + np.matvec(Y_size, value_errors)  # at least |Y F|
-    defect = identity_defect(Y, derivatives.slopes)  # at least |1 - Y dF|
-    is_invertible = Y.any(axis=(1, 2))
+    offset = np.abs(newton.root)
 
     def test(radii: Array) -> _JointBoxes:
         """Bound the images of boxes of radii (S, k)."""
         remainders = derivatives.remainders(radii)
-        error = ROUND_UP * (offset + np.matvec(Y_size, remainders.values) + np.matvec(defect, radii))
+        error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
-        is_contraction = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
-        proved = (image < radii).all(axis=1) & is_contraction & is_invertible
+        bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
+        is_contraction = _spectral_radius_below_one(bound, radii)
+        proved = (image < radii).all(axis=1) & is_contraction & newton.Y.any(axis=(1, 2))
         return _JointBoxes(proved, radii, image, error, remainders)
 
-    return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
+    return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
 
 
 def _passive_block_is_regular(

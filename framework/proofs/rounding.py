@@ -39,9 +39,11 @@ def approximate_inverses(matrices: Any) -> Any:
 def identity_defect(inverse: Any, matrices: Any) -> Array:
     """Bound |1 - X M| entry by entry (S, k, k), rounding included.
 
-    X is near the inverse of M. A complex product counts as two real ones.
+    X (S, k, m) is near the inverse, or the pseudo-inverse, of M (S, m, k). A complex product counts as two
+    real ones.
     """
-    identity = np.eye(matrices.shape[1])
+    m, k = matrices.shape[1:]
+    identity = np.eye(k)
     defect = np.abs(identity - inverse @ matrices)
-    products = len(identity) * (2 if np.iscomplexobj(matrices) else 1)
+    products = 2 * m if np.iscomplexobj(matrices) else m
     return defect + gamma(products) * (np.abs(inverse) @ np.abs(matrices) + identity)

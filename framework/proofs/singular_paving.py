@@ -47,7 +47,6 @@ from framework.proofs.rounding import ROUND_UP
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
 MAX_BOXES = 500_000  # tested for each set
-MAX_HESSIAN_ENTRIES = 4_000_000  # second derivatives of a batch of boxes: 32 MB
 TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test, divided by those of the box itself
 WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: widens tested boxes for curved arcs
 MIN_SIZE_RATIO = 0.01  # a box smaller than this share of the resolution is left undecided
@@ -168,8 +167,7 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     k = len(robot.moving)
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
-    batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
-    partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
+    partition = branch_and_bound(test, region, max_examined=max_boxes)
 
     arcs = join(partition.proved)
     undecided = join([partition.undecided, partition.pending])

@@ -31,8 +31,6 @@ from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
 
-RANDOM_SEED = 22
-NEWTON_STEPS = 50  # from a random point onto the fixed quadrics
 # indices of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0 and the vectors of x and y in z
 _ONE, _SQUARE = 0, 1
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
@@ -73,11 +71,11 @@ class QuadricFamily:
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Find a random point (N,) on all fixed quadrics, by Newton's method."""
-        z = complex_normal(rng, self.size)
-        for _ in range(NEWTON_STEPS):  # without fixed quadrics a step is zero
-            slopes = 2 * self.fixed @ z
-            z = z - np.linalg.pinv(slopes) @ (slopes @ z / 2)
+        """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
+        z, direction = complex_normal(rng, (2, self.size))
+        for S in self.fixed:  # z + t direction is on the quadric at the roots t
+            t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
+            z = z + t[0] * direction
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
@@ -93,7 +91,7 @@ class QuadricFamily:
         rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
         points are tried.
         """
-        rng = np.random.default_rng(RANDOM_SEED)
+        rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
         first = self.members[0]
         for _ in range(2):
@@ -220,28 +218,38 @@ class Displacements:
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
-        coordinates = np.zeros((len(z), 8))
-        coordinates[:, self.coordinates] = z
-        if self.only_translates:  # z = (1, p) stands for the dual quaternion 1 + eps p / 2
-            coordinates[:, _Y] *= 0.5
-        return displacements_of_quaternions(coordinates)
+        quaternions = np.zeros((len(z), 8))
+        quaternions[:, self.coordinates] = z
+        return displacements_of_quaternions(quaternions)
+
+
+def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: IntArray) -> Displacements:
+    """Return the displacements whose dual quaternions have only the given coordinates (N,).
+
+    Args:
+        bound: number of isolated solutions that a system of conditions has at most.
+        chosen: (M,) indices of functions that are independent on the group.
+    """
+    study = np.zeros((1, 8, 8))
+    study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)  # x . y = 0
+    restricted = np.ix_([0], coordinates, coordinates)
+    fixed = study[restricted]
+    fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
+    members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
+    return Displacements(QuadricFamily(name, members, fixed, bound), chosen, coordinates)
 
 
 @cache
 def spatial_displacements() -> Displacements:
     """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
-    study = np.zeros((1, 8, 8))
-    study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
-    family = QuadricFamily("displacements in space", _function_forms(), study, 40)
-    return Displacements(family, np.arange(17), np.arange(8))
+    return _displacement_group("displacements in space", 40, np.arange(17), np.arange(8))
 
 
 @cache
 def spherical_displacements() -> Displacements:
     """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
-    forms = _function_forms()[chosen, :4, :4]
-    return Displacements(QuadricFamily("turns about a point", forms, forms[:0], 8), chosen, np.arange(4))
+    return _displacement_group("turns about a point", 8, chosen, np.arange(4))
 
 
 @cache
@@ -252,25 +260,17 @@ def planar_displacements(axis: int) -> Displacements:
     1983; Gosselin, Sefrioui and Richard 1992).
     """
     in_plane = [(axis + 1) % 3, (axis + 2) % 3]
-    coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
-    forms = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
-    return Displacements(QuadricFamily("displacements in a plane", forms, forms[:0], 6), chosen, coordinates)
+    coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
+    return _displacement_group("displacements in a plane", 6, chosen, coordinates)
 
 
 @cache
 def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     """Return the translations along two or three base axes: at most 2 solutions.
 
-    The conditions are circles or spheres. The functions of z = (1, p) are 1, |p|^2 and the coordinates of p.
+    The conditions are circles or spheres.
     """
-    size = len(axes) + 1
-    forms = np.zeros((size + 1, size, size))
-    forms[0, 0, 0] = 1.0  # 1
-    forms[1, 1:, 1:] = np.eye(len(axes))  # |p|^2
-    for k in range(1, size):
-        forms[1 + k, [0, k], [k, 0]] = 0.5  # p_k
     chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
-    coordinates = np.array([_X_0, *_Y[list(axes)]])
-    return Displacements(QuadricFamily("translations", forms, forms[:0], 2), chosen, coordinates)
+    return _displacement_group("translations", 2, chosen, np.array([_X_0, *_Y[list(axes)]]))

@@ -23,18 +23,18 @@ from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.proofs.homotopy import Status
 from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import (
+    RANDOM_STARTS,
     close_all_loops,
     distinct_rows,
     draw_starts,
     has_one_solution_near,
     shortest_offset,
 )
-from framework.proofs.real_displacements import Status
 from framework.tolerances import LOOP_GAP
 
-RANDOM_STARTS = 300
 MAX_COMBINATIONS = 512  # of the solutions of all legs
 
 
