@@ -128,12 +128,11 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     conditions = find_leg_conditions(robot, q[0])
     if conditions is None:
         return _search_modes(robot, q)
-    solutions = find_real_solutions(conditions.group, conditions.coefficients, conditions.rounding)
-    return _modes_at_displacements(robot, q, conditions, solutions)
+    return _modes_at_displacements(robot, q, conditions.group, find_real_solutions(*conditions))
 
 
 def _modes_at_displacements(
-    robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
+    robot: ParallelRobot, q: Array, group: Displacements, solutions: RealSolutions
 ) -> AssemblyModes:
     """Find the modes at the platform displacements that solve the leg conditions.
 
@@ -145,7 +144,7 @@ def _modes_at_displacements(
     position = reference_frames.position[0, 0]
     rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    rotations = None if conditions.group.only_translates else solutions.R @ rotation
+    rotations = None if group.only_translates else solutions.R @ rotation
     poses = find_joints_at_poses(robot, q, solutions.R @ position + p, rotations)
     modes = list[AssemblyMode]()
     for pose, proved in zip(poses, solutions.proved, strict=True):
@@ -156,9 +155,8 @@ def _modes_at_displacements(
     # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
     # may differ from the loops, and these modes are not proved to be all.
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
-    family = conditions.group.family
-    method = f"homotopy in {family.name}: {solutions.count.sentence}"
-    return AssemblyModes(tuple(modes), status, family.bound, solutions.count, method)
+    method = f"homotopy in {group.family.name}: {solutions.count.sentence}"
+    return AssemblyModes(tuple(modes), status, group.family.bound, solutions.count, method)
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
@@ -207,8 +205,7 @@ def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> b
 # ------------------------------------------------------------------ conditions of the legs
 
 
-@dataclass(frozen=True, eq=False)
-class LegConditions(ReadOnlyArrays):
+class LegConditions(NamedTuple):
     """Linear conditions (K, M) on the platform's displacement, motors locked."""
 
     group: Displacements

@@ -38,27 +38,20 @@ from framework.proofs.equation_terms import (
     Term,
     chain_between,
     collect_terms,
-    moving_balls,
+    list_unbounded_joints,
     stretched_length,
 )
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
 
-class _ChainVector(NamedTuple):
-    """A vector on the last link of a chain of L joints, at S configurations."""
-
-    value: Array  # (S, 3)
-    first: Array  # (S, L, 3) first derivatives
-    second: Array  # (S, L, L, 3) second derivatives
-
-
 class _ChainDerivatives(NamedTuple):
-    """The derivatives of one chain of L joints at S configurations."""
+    """The vector p from the first to the second frame of a chain of L joints, at S configurations."""
 
     turn_axes: Array  # (S, L, 3) w_j of the second frame relative to the first; 0 of slides
-    point: _ChainVector  # p from the first frame's origin to the second's
-    lever: Array  # (S, L) |u_j|
+    p: Array  # (S, 3)
+    u: Array  # (S, L, 3) first derivatives of p
+    seconds: Array  # (S, L, L, 3) second derivatives of p
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +70,9 @@ class DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
-            InvalidInput: joints are coupled, or a ball joint moves: its coordinates are not angles about
-                successive axes.
+            InvalidInput: joints are coupled, or a ball joint moves, see `list_unbounded_joints`.
         """
-        excluded = [f"the ball joint {name}" for name in moving_balls(robot)]
-        if robot.rows.has_couplings:
-            excluded.append("couplings of joints")
+        excluded = list_unbounded_joints(robot)
         if excluded:
             raise InvalidInput(
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
@@ -199,11 +189,10 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     first, second = chain.ends
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turn_axes = screws[..., 3:]
-    p = frames.position[:, second]
-    u = screws[..., :3] + cross(turn_axes, p[:, None])
-    origin = 0.0 if first == BASE else frames.position[:, first]
-    point = _ChainVector(p - origin, u, _second_derivatives(chain, turn_axes, u))
-    return _ChainDerivatives(turn_axes, point, np.linalg.norm(u, axis=2))
+    point = frames.position[:, second]
+    u = screws[..., :3] + cross(turn_axes, point[:, None])
+    p = point if first == BASE else point - frames.position[:, first]
+    return _ChainDerivatives(turn_axes, p, u, _second_derivatives(chain, turn_axes, u))
 
 
 def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
@@ -218,23 +207,22 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
-) -> _ChainVector:
-    """Return the vector (S, 3) of a term, with its derivatives along the chain's L joints.
+) -> tuple[Array, Array, Array]:
+    """Return the vector (S, 3) of a term, with its derivatives (S, L, 3), (S, L, L, 3).
 
     The kind of the term decides. For "direction" the vector is an axis of the second frame, for "turn" the
     axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
     and "square" it is p.
     """
-    turn_axes = derivatives.turn_axes  # (S, L, 3)
+    turn_axes, p, u, seconds = derivatives
     if term.kind == "direction":
         axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])
-        return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
+        return axis, slopes, _second_derivatives(chain, turn_axes, slopes)
     if term.kind == "turn":
         # [w_i]x [w_j]x has the antisymmetric part [w_i x w_j]x / 2
-        zero = np.zeros_like(derivatives.point.value)
-        return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))
-    return derivatives.point
+        return np.zeros_like(p), turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes)
+    return p, u, seconds
 
 
 def _differentiate_term(
@@ -289,12 +277,12 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     if term.kind in ("direction", "turn"):
         lever = turns[None].astype(float)  # (1, L)
     else:
-        lever = _bound_levers(chain, derivatives.lever, radii)  # (S, L)
+        lever = _bound_levers(chain, np.linalg.norm(derivatives.u, axis=2), radii)  # (S, L)
     inner, middle, outer = chain.joint_tuples(3)  # (L, L, L) each
     third_sizes = lever[:, outer] * (turns[inner] & turns[middle])  # (S, L, L, L) at least |d3p|
     thirds = np.einsum("sijk,sk->sij", third_sizes, radii)
     if term.kind == "square":
-        distance = np.linalg.norm(derivatives.point.value, axis=1)  # |p| at the middle
+        distance = np.linalg.norm(derivatives.p, axis=1)  # |p| at the middle
         thirds = _bound_square_thirds(chain, lever, distance, thirds, radii)
     return abs(term.factor) * thirds
 

@@ -25,15 +25,20 @@ from framework.tolerances import FILE_ROUNDING
 BASE = -1  # in place of a frame
 
 
-def moving_balls(robot: ParallelRobot) -> list[str]:
-    """Return the names of the ball joints that move with the platform."""
+def list_unbounded_joints(robot: ParallelRobot) -> list[str]:
+    """Return the moving joints, in words, whose equations have no bounds over boxes.
+
+    These are ball joints, whose coordinates are not angles about successive axes, and couplings of joints.
+    """
     moving = set(robot.moving.tolist())
-    names = list[str]()
+    words = list[str]()
     for name, joint in zip(robot.model.names, robot.model.joints, strict=True):
         columns = range(joint.idx_v, joint.idx_v + joint.nv)
         if is_ball(joint) and not moving.isdisjoint(columns):
-            names.append(str(name))
-    return names
+            words.append(f"the ball joint {name}")
+    if robot.rows.has_couplings:
+        words.append("couplings of joints")
+    return words
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:

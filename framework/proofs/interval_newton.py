@@ -36,15 +36,15 @@ class LinearEnclosure(NamedTuple):
     errors: Array  # (S, m) rounding included
 
     def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
+        """Enclose the combinations mixers (S, p, m) of the equations, in boxes of radii (S, k)."""
         largest = np.abs(self.values) + np.matvec(np.abs(self.slopes), radii)  # (S, m) in the box
         rounding = gamma(self.values.shape[1]) * ROUND_UP * largest
         errors = ROUND_UP * np.matvec(np.abs(mixers), self.errors + rounding)
         return LinearEnclosure(np.matvec(mixers, self.values), mixers @ self.slopes, errors)
 
-    def concatenate(self, *others: LinearEnclosure) -> LinearEnclosure:
-        """Join the equations of several enclosures over the same boxes."""
-        return LinearEnclosure(*(np.concatenate(parts, axis=1) for parts in zip(self, *others, strict=True)))
+    def concatenate(self, other: LinearEnclosure) -> LinearEnclosure:
+        """Join the equations of two enclosures over the same boxes."""
+        return LinearEnclosure(*map(np.hstack, zip(self, other, strict=True)))
 
 
 class Contracted(NamedTuple):
@@ -120,7 +120,7 @@ def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
     U_rows = U.swapaxes(1, 2)
     damping = (s / (s**2 + 1.0))[:, None]
     inverse = V_rows.swapaxes(1, 2) * damping @ U_rows
-    return np.concatenate([inverse, U_rows], axis=1) * weights[:, None]
+    return np.hstack([inverse, U_rows]) * weights[:, None]
 
 
 class LastColumns(NamedTuple):

@@ -112,7 +112,7 @@ def prove_existence(
     S, m, k = equations.slopes.shape
     parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
-    J = np.concatenate([equations.slopes, parameter_rows], axis=1)
+    J = np.hstack([equations.slopes, parameter_rows])
     exact = np.zeros((S, k - m))  # value and error of the equation of p
     newton = NewtonMap.of(J, np.hstack([equations.values, exact]))
     value_errors = equations.errors + ROUND_UP * np.matvec(slope_changes, radii)

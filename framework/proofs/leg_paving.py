@@ -28,10 +28,10 @@ from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray, select
-from framework.numerics.ordered_sums import cross
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.equation_terms import BASE, joints_between
 from framework.proofs.interval_newton import LinearEnclosure, contract, damped_inverses
+from framework.proofs.passive_joints import attitude_equations
 from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, identity_defect
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
@@ -69,10 +69,10 @@ def are_leg_solutions_complete(
     if not _is_paveable(robot, own):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    residuals = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
-    region = _joint_region(equations) if residuals.shape[1] else None
+    region = _joint_region(equations) if equations.kinds else None
     if region is None:
         return False
+    residuals = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
     points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
     period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
     return has_only_known_solutions(equations, region, KnownSolutions.of(equations, points, period))
@@ -175,9 +175,10 @@ def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSol
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in the offsets of its n joints from q [rad, robot lengths].
+    """The m equations of a leg in the offsets of its n joints from q [rad, robot lengths].
 
-    All other joints are fixed, or enter none of the equations.
+    These are loop equations, then three coordinates of the platform's position or fewer, then nine of its
+    attitude. All other joints are fixed, or enter none of the equations.
     """
 
     robot: ParallelRobot
@@ -185,8 +186,9 @@ class LegEquations:
     q: Array  # (nq,)
     x: Array | None  # (platform coordinates,) if only the leg and fixed joints carry the platform
     loops: IntArray  # (loops,) indices into `robot.rows`
-    chains: tuple[LeverChain, ...]  # of the loops, then of the platform's frame if x is not None
-    chain_of: IntArray  # (loops,) index of each loop's chain
+    chains: list[LeverChain]
+    chain_of: IntArray  # (m,) index of each equation's chain
+    kinds: list[str]  # m fields of `ChainBounds`, by the vectors whose product the equation is
     attitude: Array | None  # (3, 3) of the platform's frame, if x determines it
 
     @staticmethod
@@ -206,6 +208,8 @@ class LegEquations:
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
+        turning = np.where(rows.rotation[loops], "attitude", "position")
+        kinds = np.where(rows.square[loops], "square", turning).tolist()
 
         attitude = None
         platform = robot.platform
@@ -213,75 +217,58 @@ class LegEquations:
         if not (isinstance(platform, FramePlatform) and is_determined):
             x = None  # other joints move the platform, too
         elif x is not None:
-            chains.append(LeverChain.of(robot, own, BASE, 0))
+            kinds += ["position"] * len(platform.sliding)
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
-        return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
+                kinds += ["attitude"] * 9
+            chain_of = np.append(chain_of, np.full(len(kinds) - len(loops), len(chains)))
+            chains.append(LeverChain.of(robot, own, BASE, 0))
+        return LegEquations(robot, own, q, x, loops, chains, chain_of, kinds, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes (B, n) [rad, robot lengths]: loops, then platform."""
+        """Enclose the equations in boxes of middles and radii (B, n) [rad, robot lengths].
+
+        Values and slopes are those at the middles. The errors are the chain's bounds on second-order terms.
+        """
         robot = self.robot
         own = self.own
         units = robot.column_scale[own]
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * units))
+        parts = [self._linearise_loops(frames)]
+        if self.x is not None:
+            parts.append(self._linearise_position(frames, self.x))
+        if self.attitude is not None:
+            axes, axis_slopes = attitude_equations(frames, self.attitude)
+            parts.append((axes, axis_slopes[:, :, own]))
+        values, slopes = map(np.hstack, zip(*parts, strict=True))
+
         slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] at the middles
         slid[:, own] += np.where(robot.sliding[own], radii * units, 0.0)  # largest within the boxes
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
-        enclosures = [self._enclose_loops(frames, bounds)]
-        if self.x is not None:
-            enclosures.append(self._enclose_position(frames, bounds[-1], self.x))
-        if self.attitude is not None:
-            enclosures.append(self._enclose_attitude(frames, bounds[-1], self.attitude))
-        values, slopes, errors = enclosures[0].concatenate(*enclosures[1:])
-        longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain
-        rounding = FRAME_ROUNDING * (1.0 + longest)
-        return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
+        pairs = zip(self.chain_of, self.kinds, strict=True)
+        errors = np.reshape([getattr(bounds[chain], kind) for chain, kind in pairs], values.T.shape).T
+        errors[:, : len(self.loops)] *= np.abs(robot.rows.derivative_weight[self.loops])
+        longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain, if any
+        rounding = FRAME_ROUNDING * (1.0 + np.reshape(longest, (-1, 1)))
+        return LinearEnclosure(values, slopes * units, errors + rounding)
 
-    def _enclose_loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
-        """Enclose the loop equations in boxes.
-
-        Values and slopes are those at the middles. The errors are the chain's bounds on the second-order
-        terms of the product in a row: `square` for d.d, `attitude` for u.w, and `position` for u.d.
-        """
-        rows = self.robot.rows
+    def _linearise_loops(self, frames: FrameStack) -> tuple[Array, Array]:
+        """Compute the residuals of the loop equations (B, loops), and slopes (B, loops, n)."""
         loops = self.loops
         lengths = self.robot.row_lengths[loops]
-        equations = loop_equations(rows, frames)
-        values = equations.residual[:, loops] / lengths
-        slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
-        errors = np.empty_like(values)  # (B, loops)
-        for k, (row, chain) in enumerate(zip(loops, self.chain_of, strict=True)):
-            bound = bounds[chain]
-            if rows.square[row]:
-                errors[:, k] = bound.square
-            else:
-                errors[:, k] = bound.attitude if rows.rotation[row] else bound.position
-        return LinearEnclosure(values, slopes, errors * np.abs(rows.derivative_weight[loops]))
+        equations = loop_equations(self.robot.rows, frames)
+        slopes = equations.jacobian[:, loops][:, :, self.own]
+        return equations.residual[:, loops] / lengths, slopes / lengths[:, None]
 
-    def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose (position - x) / length of the platform's frame along its translations.
+    def _linearise_position(self, frames: FrameStack, x: Array) -> tuple[Array, Array]:
+        """Compute (position - x) / length of the platform's frame along its translations, and slopes.
 
         `platform.along` are the base axes of the translations, `platform.sliding` their indices in x.
         """
         platform = self.robot.platform
-        length = self.robot.length
-        position = frames.position[:, 0, platform.along]
-        jacobian = frames.frame_jacobian(0)[:, platform.along]
-        values = (position - x[platform.sliding]) / length
-        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)  # already in robot lengths
-        return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
-
-    def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose 9 equations: the axes of the platform's frame less the `attitude` (3, 3).
-
-        The derivative of an axis e along a joint that turns about w_j is w_j x e.
-        """
-        axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
-        turning = frames.frame_jacobian(0)[:, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
-        slopes = cross(turning[:, None], axes[:, :, None])  # (B, axis, n, 3)
-        slopes = slopes.swapaxes(2, 3).reshape(-1, 9, len(self.own))
-        errors = np.repeat(bound.attitude[:, None], 9, axis=1)
-        return LinearEnclosure((axes - attitude.T).reshape(-1, 9), slopes, errors)
+        offset = frames.position[:, 0, platform.along] - x[platform.sliding]
+        slopes = frames.frame_jacobian(0)[:, platform.along][:, :, self.own]
+        return offset / self.robot.length, slopes / self.robot.length
 
     def slide_lengths(self, q: Array) -> Array:
         """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""
@@ -296,21 +283,16 @@ class LegEquations:
         robot = self.robot
         slide = np.flatnonzero(robot.sliding[self.own])[0]
         joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))
-        squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, equations)
-        chain_of = self.chain_of  # of each equation
-        is_translation = ~robot.rows.rotation[self.loops]
-        offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
-        if self.x is not None:  # the position equations of the platform belong to the last chain
-            offset += np.abs(self.x).sum()
-            count = len(robot.platform.sliding)
-            chain_of = np.append(chain_of, np.full(count, len(self.chains) - 1))
-            is_translation = np.append(is_translation, np.full(count, True))
+        squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, m)
+        is_translation = np.array(self.kinds) != "attitude"
         lengths = np.insert(np.abs(self.slide_lengths(self.q)), 0, 1.0)  # (1 + nv,) as in `LeverChain`
         lengths[1 + self.own[slide]] = 0.0
+        offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
+        offset += 0.0 if self.x is None else np.abs(self.x).sum()
         bounds = []
         for k, chain in enumerate(self.chains):
-            translations = np.flatnonzero(is_translation & (chain_of == k))
-            if np.all(squares[:, translations].sum(axis=1) > 1 - RANK_ROUNDING):
+            translation = squares[:, is_translation & (self.chain_of == k)].sum(axis=1)
+            if np.all(translation > 1 - RANK_ROUNDING):
                 bounds.append((chain.length @ lengths + offset) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 

@@ -16,6 +16,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import cross
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
 from framework.proofs.rounding import ROUND_UP, approximate_inverses, identity_defect
@@ -43,14 +44,13 @@ def find_joints_at_poses(
     target_rotations = None if rotations is None else np.repeat(rotations, STARTS_PER_POSE, axis=0)
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, 3 or 6) of the platform's frame from the targets, and slopes (T, .., nv)."""
+        """Compute offsets (T, 3 or 12) of the platform's frame from the targets, and slopes (T, .., nv)."""
         offsets = (frames.position[:, 0] - targets) / robot.length
-        slopes = frames.frame_jacobian(0) * robot.column_scale  # linear, then angular rows
-        slopes[:, :3] /= robot.length
+        slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
         if target_rotations is None:
-            return offsets, slopes[:, :3]
-        turns = _rotation_offsets(frames.rotation[:, 0], target_rotations)
-        return np.hstack([offsets, turns]), slopes
+            return offsets, slopes
+        turns, turn_slopes = attitude_equations(frames, target_rotations)
+        return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
     starts = np.tile(draw_starts(robot, q, robot.passive, STARTS_PER_POSE), (len(positions), 1))
     q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
@@ -62,17 +62,16 @@ def find_joints_at_poses(
     return nearest_poses
 
 
-def _rotation_offsets(rotations: Array, targets: Array) -> Array:
-    """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from targets (T, 3, 3).
+def attitude_equations(frames: FrameStack, targets: Array) -> tuple[Array, Array]:
+    """Compute the axes of the platform's frame less those of targets (.., 3, 3): (T, 9), slopes (T, 9, nv).
 
-    With G = R R_target', they are the axial vector of (G - G') / 2. Its norm is the sine of the angle, which
-    is zero at half a turn, too. Where the trace of G is negative, the angle is above a right angle; there 1
-    is added, so that half a turn does not count as none.
+    The derivative of an axis e along a joint that turns about w_j is w_j x e.
     """
-    G = rotations @ targets.swapaxes(1, 2)
-    offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # entries zy, xz, yx
-    offsets[:, 0] += np.trace(G, axis1=1, axis2=2) < 0
-    return offsets
+    axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
+    turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
+    slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, axis, nv, 3)
+    offsets = (axes - targets.swapaxes(-1, -2)).reshape(-1, 9)
+    return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
 
 
 def close_all_loops(

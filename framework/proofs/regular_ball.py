@@ -35,7 +35,7 @@ from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, join, select
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
-from framework.proofs.equation_terms import moving_balls
+from framework.proofs.equation_terms import list_unbounded_joints
 from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
 from framework.proofs.rounding import (
     ROUND_UP,
@@ -74,7 +74,7 @@ def prove_regular_ball(
     attitude = platform.attitude if isinstance(platform, FramePlatform) else None
     turns_in_plane = isinstance(attitude, TwistAngle) and planar_normal(robot) is not None
     unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
-    if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
+    if list_unbounded_joints(robot) or unmeasured_turn:
         return 0.0
     test = CellTest(DerivativeBounds.of(robot), x)
     single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
@@ -99,17 +99,35 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
 
 def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
     """Return the largest of the radii (S,) of balls about q (nq,) that are proved; 0 for none."""
-    offsets = np.zeros((len(radii), len(test.x)))  # all middles are at the pose
-    cells = test(offsets, np.tile(q, (len(radii), 1)), radii, ball=True)
+    at_pose = np.zeros((len(radii), len(test.x)))
+    cells = test(at_pose, np.tile(q, (len(radii), 1)), radii, dual_norm=2)
     return float(radii[cells.proved].max(initial=0.0))
 
 
 class _Cubes(NamedTuple):
-    """S cubes of a grid, each with its cell; an untested cube has the cell of its parent."""
+    """S cubes of nested grids, each with its cell; an untested cube has the cell of its parent.
+
+    The first cube contains the pose at 0 and has the width 1. Each level halves the width.
+    """
 
     level: IntArray  # (S,) number of halvings of the first cube
     numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
     cells: Cells
+
+    @property
+    def widths(self) -> Array:
+        """Widths (S, 1) of the cubes."""
+        return 0.5 ** self.level[:, None]
+
+    def middles(self) -> Array:
+        """Compute the middles (S, n) of cubes, relative to the pose."""
+        return (self.numbers + 0.5) * self.widths - OFF_CENTRE
+
+    def nearest_points(self) -> Array:
+        """Compute the point (S, n) of each cube that is nearest to the pose, relative to the pose."""
+        lower = self.numbers * self.widths - OFF_CENTRE
+        upper = (self.numbers + 1) * self.widths - OFF_CENTRE
+        return np.clip(0.0, lower, upper)
 
     def split(self) -> _Cubes:
         """Split each cube into 2^n cubes of half the width."""
@@ -119,90 +137,81 @@ class _Cubes(NamedTuple):
         numbers = 2 * self.numbers[parent] + np.tile(corners, (S, 1))
         return _Cubes(self.level[parent] + 1, numbers, select(self.cells, parent))
 
+    def inward_neighbours(self) -> IntArray:
+        """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none.
 
-class _Grid(NamedTuple):
-    """Nested cubes about the pose at 0: each level halves the width."""
-
-    width: float  # of the first cube [robot lengths, rad]
-
-    def middles(self, cubes: _Cubes) -> Array:
-        """Compute the middles (S, n) of cubes, relative to the pose."""
-        return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
-
-    def nearest_points(self, cubes: _Cubes) -> Array:
-        """Compute the point (S, n) of each cube that is nearest to the pose, relative to the pose."""
-        size = 0.5 ** cubes.level[:, None]
-        lower = cubes.numbers * size - OFF_CENTRE
-        upper = (cubes.numbers + 1) * size - OFF_CENTRE
-        return self.width * np.clip(0.0, lower, upper)
-
-    def distances(self, cubes: _Cubes) -> Array:
-        """Compute the distances (S,) of cubes from the pose, rounded down."""
-        return np.linalg.norm(self.nearest_points(cubes), axis=1) / ROUND_UP
-
-    def inward_cubes(self, cubes: _Cubes) -> IntArray:
-        """Return the numbers (S, n) of the smallest cube next to each cube, on the side of the pose.
-
-        The smallest cubes are those of the level MAX_CUTS. The next one touches the cube at the point nearest
-        to the pose. Along each axis its number is that of the smallest cube about the pose, clipped to the
-        range from one before to one behind the smallest cubes within the cube.
+        The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
+        them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
+        of the one about the pose, clipped to the range from one before to one behind the smallest cubes
+        within the cube. The neighbour is the cube in which that smallest cube lies.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
-        width = 2 ** (MAX_CUTS - cubes.level[:, None])  # (S, 1) of a cube, in smallest cubes
-        return np.clip(pose, cubes.numbers * width - 1, (cubes.numbers + 1) * width)
+        count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
+        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)
+
+        keys = np.column_stack([self.level, self.numbers]).tolist()
+        index_of = {tuple(key): index for index, key in enumerate(keys)}
+        neighbour = np.full(len(keys), -1)
+        for level in np.unique(self.level).tolist():
+            ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
+            for k, numbers in enumerate(ancestors.tolist()):
+                neighbour[k] = index_of.get((level, *numbers), neighbour[k])
+        return neighbour
 
 
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
     """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,)."""
     n = len(test.x)
-    grid = _Grid(within / OFF_CENTRE * ROUND_UP)
-    start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
+    width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
+    start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
+
+    def distances(cubes: _Cubes) -> Array:
+        """Compute the distances (S,) of cubes from the pose, rounded down."""
+        return width * np.linalg.norm(cubes.nearest_points(), axis=1) / ROUND_UP
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; split cubes without proof, but leave the smallest ones undecided."""
-        cubes = _test_cubes(test, grid, cubes, start.signs)
+        cubes = _test_cubes(test, width, cubes, start.signs)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
         pending = select(cubes, ~proved & ~is_smallest).split()
         return Examined(select(cubes, proved), undecided, pending)
 
-    partition = branch_and_bound(
-        examine, first, max_examined=max_cells, distance=grid.distances, limit=within
-    )
+    partition = branch_and_bound(examine, first, max_examined=max_cells, distance=distances, limit=within)
     proved = join(partition.proved)
-    proved = select(proved, grid.distances(proved) < partition.limit)
+    proved = select(proved, distances(proved) < partition.limit)
     if not len(proved.level):
         return 0.0
-    disagreeing = select(proved, ~_agree_with_inner_neighbours(test, grid, proved, q))
-    return float(grid.distances(disagreeing).min(initial=partition.limit))
+    disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
+    return float(distances(disagreeing).min(initial=partition.limit))
 
 
-def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
+def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _Cubes:
     """Test cubes on the branch whose determinants have the signs (1, 2).
 
-    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
+    `width` is that of the first cube [robot lengths, rad]. A cube whose joints turn out to be on another
+    branch is not proved, and keeps its parent's cell.
     """
-    z = grid.middles(cubes)
-    half_widths = np.ldexp(0.5 * grid.width, -cubes.level)
-    tested = test(z, _continue_joints(test, cubes.cells, z), half_widths)
+    z = width * cubes.middles()
+    tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
     assign(tested, is_elsewhere, select(parents, is_elsewhere))
     return cubes._replace(cells=tested)
 
 
-def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
+def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:
     """Return whether each cube is on the branch of its inward neighbour, (S,).
 
     The cube about the pose must have the joints q. At the point nearest to the pose each cube has exactly one
     configuration, in the joint box of a cell of size zero. Two cubes share this configuration if the joint
-    boxes of both contain this box.
+    boxes of both contain this box. `width` is that of the first cube [robot lengths, rad].
     """
     cells = cubes.cells
-    nearest = grid.nearest_points(cubes)
-    neighbour = _inward_neighbours(grid, cubes)
+    nearest = width * cubes.nearest_points()
+    neighbour = cubes.inward_neighbours()
     joints = _continue_joints(test, cells, nearest)
     points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero
     agree = points.proved & (neighbour >= 0)
@@ -218,19 +227,6 @@ def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | 
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
-
-
-def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none."""
-    keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
-    index_of = {tuple(key): index for index, key in enumerate(keys)}
-    inward = grid.inward_cubes(cubes)  # smallest cubes, each within one cube of every level
-    neighbour = np.full(len(keys), -1)
-    for level in np.unique(cubes.level).tolist():
-        ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
-        for k, numbers in enumerate(ancestors.tolist()):
-            neighbour[k] = index_of.get((level, *numbers), neighbour[k])
-    return neighbour
 
 
 def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
@@ -262,24 +258,27 @@ class CellTest(NamedTuple):
     """The test of cells about a pose of a robot."""
 
     bounds: DerivativeBounds
-    x: Array  # (n,)
+    x: Array  # (n,) platform coordinates of the pose
 
-    def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
-        """Test cells about z (S, n) of half width `half` (S,), or balls of that radius.
+    def __call__(self, z: Array, q: Array, half: Array, *, dual_norm: int = 1) -> Cells:
+        """Test cells about z (S, n) of half width `half` (S,), with the joints q (S, nq) at the middles.
 
-        q (S, nq) are the joints at the middles. F is [platform - x ; loops], and dF (S, k, k) its Jacobian
-        along the joints. The rows of the loops and the columns of the passive joints are the block P of dF.
+        F is [platform - x ; loops], and dF (S, k, k) its Jacobian along the joints. The rows of the loops and
+        the columns of the passive joints are the block P of dF.
+
+        Args:
+            dual_norm: 1 if cells are cubes, 2 if they are balls of the radius `half`; see `_bound_over_cell`.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
-        x = self.x + z * robot.platform_scale
         F = derivatives.values.copy()  # (S, k)
+        x = self.x + z * robot.platform_scale
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
         newton = NewtonMap.of(dF, F)
         slope = newton.Y[:, :, : robot.n]
-        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, ball))
-        regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
+        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, dual_norm))
+        regular = _passive_block_is_regular(derivatives, slope, half, boxes, dual_norm)
         P = dF[:, robot.n :, robot.n_a :]
         signs = np.stack([np.linalg.slogdet(block).sign for block in (dF, P)], axis=1)
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
@@ -295,13 +294,13 @@ class _JointBoxes(NamedTuple):
     remainders: Remainders  # of the equations within the radii
 
 
-def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in cells or balls, slopes (S, .., n).
+def _bound_over_cell(slopes: Array, half: Array, dual_norm: int) -> Array:
+    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in S cells, slopes (S, .., n).
 
-    Over balls of radius `half` (S,) the Cauchy-Schwarz inequality gives the bound, over cubes of half width
-    `half` the triangle inequality.
+    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes: the 1-norm over cubes of half
+    width `half`, the 2-norm over balls of this radius.
     """
-    sizes = np.linalg.norm(slopes, axis=-1) if ball else np.abs(slopes).sum(axis=-1)
+    sizes = np.linalg.norm(slopes, dual_norm, axis=-1)
     return (sizes.T * half).T  # `half` multiplies along the first axis
 
 
@@ -332,7 +331,7 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
 
 
 def _passive_block_is_regular(
-    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, ball: bool
+    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, dual_norm: int
 ) -> BoolArray:
     """Return whether P is regular all over the cells, (S,): no Type 2 singularity.
 
@@ -356,9 +355,9 @@ def _passive_block_is_regular(
 
     # linear change of Y P with the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
-    step = _bound_over_cell(slope, half, ball=False)  # (S, k) of the joints
+    step = _bound_over_cell(slope, half, 1)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
-    N = identity_defect(Y, P) + _bound_over_cell(changes, half, ball) + gamma(s * k) * rounded
+    N = identity_defect(Y, P) + _bound_over_cell(changes, half, dual_norm) + gamma(s * k) * rounded
     # remaining change of P
     P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)

@@ -390,7 +390,7 @@ class SingularBoxTest:
         return _SingularEquations(
             loops.concatenate(measure),
             value_errors=np.column_stack([loop_errors, g.g_error]),
-            slope_changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
+            slope_changes=np.hstack([remainders.slopes[:, n:], g.slope_changes[:, None]]),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],

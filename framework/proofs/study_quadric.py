@@ -119,7 +119,7 @@ def matrix_products(matrices: Any, z: Any) -> Any:
 
 def append_row(matrices: Any, row: Any) -> Any:
     """Append one row (N,) to each of the matrices (S, N - 1, N)."""
-    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
+    return np.hstack([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))])
 
 
 def first_occurrences(z: ComplexArray) -> BoolArray:
@@ -165,7 +165,7 @@ def displacement_functions(R: Array, p: Array) -> Array:
     """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R (T, 3, 3), p (T, 3)."""
     R_transposed_p = np.einsum("tij,ti->tj", R, p)
     square = np.sum(p * p, axis=1, keepdims=True)
-    return np.concatenate([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)], axis=1)
+    return np.hstack([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)])
 
 
 def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
