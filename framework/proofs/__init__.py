@@ -11,6 +11,6 @@ systems    study_quadric: the conditions of the legs, as quadrics in displacemen
 complete   leg_paving: a leg has no solutions besides the known ones
 bounds     derivative_bounds over equation_terms, sharp in small boxes
 existence  krawczyk: one solution in a box;
-           passive_joints: one solution near given motors or a given platform pose (Kantorovich)
+           passive_joints: one solution near given motors or a given platform pose
 tools      rounding, branch_and_bound, interval_newton
 """

@@ -155,8 +155,8 @@ def _modes_at_displacements(
     # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
     # may differ from the loops, and these modes are not proved to be all.
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
-    method = f"homotopy in {group.family.name}: {solutions.count.sentence}"
-    return AssemblyModes(tuple(modes), status, group.family.bound, solutions.count, method)
+    method = f"homotopy in {group.name}: {solutions.count.sentence}"
+    return AssemblyModes(tuple(modes), status, group.bound, solutions.count, method)
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
@@ -216,7 +216,8 @@ class LegConditions(NamedTuple):
 class _Edge(NamedTuple):
     """A joint of the tree or a closure, from one body to another."""
 
-    to: int  # body at the end of the edge
+    start: int  # body
+    end: int  # body
     joint: int  # of the tree; 0 for a closure
     closure: Closure | None  # None for a joint of the tree
     forward: bool  # whether it leads from parent to child, or from a closure's first frame to its second
@@ -231,20 +232,21 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     group = _displacement_group(robot)
     if group is None:
         return None
-    sampler = _Sampler.of(robot, q, group.only_translates)
+    sampler = _Sampler.of(robot, q)
     conditions = list[Array]()
     rounding = 0.0
     for count, chain in enumerate(_leg_chains(robot)):
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
-        table = displacement_functions(*sampler.sample_displacements(chain))[:, group.chosen]
+        R, p = sampler.sample_displacements(chain, group.only_translates)
+        table = displacement_functions(R, p)[:, group.chosen]
         _, singular_values, V_rows = np.linalg.svd(table)
         rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
         condition_number = singular_values[0] / singular_values[rank - 1]  # of the row space
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
         conditions.append(V_rows[rank:])  # the null space
     rows = np.concatenate(conditions)
-    K = group.family.equations
+    K = group.equations
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
     if len(rows) > K:  # K random combinations replace the conditions, of which there are too many
@@ -273,31 +275,24 @@ def _displacement_group(robot: ParallelRobot) -> Displacements | None:
 def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     """Yield all chains from the base to the platform's body that visit no body twice."""
     model = robot.model
-    edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
-
-    def connect(first: int, second: int, joint: int, closure: Closure | None) -> None:
-        """Add the edges between two bodies, in both directions."""
-        edges[first].append(_Edge(second, joint, closure, True))
-        edges[second].append(_Edge(first, joint, closure, False))
-
-    for joint in range(1, model.njoints):
-        connect(model.parents[joint], joint, joint, None)
+    forward = [_Edge(model.parents[joint], joint, joint, None, True) for joint in range(1, model.njoints)]
     for closure in robot.description.closures:
         first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
-        connect(first, second, 0, closure)
+        forward.append(_Edge(first, second, 0, closure, True))
+    edges = list[_Edge]()
+    for edge in forward:
+        edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]
+
     platform = model.frames[robot.frames[0]].parentJoint
-
-    def continue_chain(body: int, visited: frozenset[int]) -> Iterator[list[_Edge]]:
-        """Yield all chains from a body to the platform that visit no body twice."""
-        if body == platform:
-            yield []
-            return
-        for edge in edges[body]:
-            if edge.to not in visited:
-                for rest in continue_chain(edge.to, visited | {edge.to}):
-                    yield [edge, *rest]
-
-    yield from continue_chain(0, frozenset({0}))
+    pending: list[list[_Edge]] = [[]]  # chains that begin at the base, body 0
+    while pending:
+        chain = pending.pop(0)
+        bodies = [0, *(edge.end for edge in chain)]
+        if bodies[-1] == platform:
+            yield chain
+        else:
+            next_edges = [edge for edge in edges if edge.start == bodies[-1] and edge.end not in bodies]
+            pending[:0] = [[*chain, edge] for edge in next_edges]  # depth first
 
 
 def _motions_are_group(closure: Closure | None) -> bool:
@@ -318,10 +313,9 @@ class _Sampler(NamedTuple):
     placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
     normal: Array | None  # (3,) of a planar robot, base axes
     data: pin.Data  # at the reference
-    only_translates: bool  # whether displacements are translations of the platform frame's origin
 
     @staticmethod
-    def of(robot: ParallelRobot, q: Array, only_translates: bool) -> _Sampler:
+    def of(robot: ParallelRobot, q: Array) -> _Sampler:
         """Draw SAMPLE_POSES poses of all joints, motors and springs locked as in q (nq,).
 
         Passive joints move by up to half a turn or a robot length.
@@ -332,29 +326,31 @@ class _Sampler(NamedTuple):
             pin.forwardKinematics(robot.model, data, pose)
             placements.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(robot.model, data, robot.reference.q)
-        return _Sampler(robot, placements, planar_normal(robot), data, only_translates)
+        return _Sampler(robot, placements, planar_normal(robot), data)
 
-    def sample_displacements(self, chain: list[_Edge]) -> tuple[Array, Array]:
-        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain."""
-        R = np.empty((SAMPLE_POSES, 3, 3))
-        p = np.empty((SAMPLE_POSES, 3))
+    def sample_displacements(self, chain: list[_Edge], only_translates: bool) -> tuple[Array, Array]:
+        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain.
+
+        If the platform `only_translates`, p is the translation of its frame's origin.
+        """
         rng = np.random.default_rng(1)
         platform = self.robot.frames[0]
         reference = self.data.oMf[platform]
-        for k in range(SAMPLE_POSES):
+        rotations = []
+        translations = []
+        for placements in self.placements:
             pose = pin.SE3.Identity()
             for edge in chain:
-                step = self.placements[k][edge.joint]
+                step = placements[edge.joint]
                 if edge.closure is not None:
                     step = self._draw_closure_pose(edge.closure, rng)
                 pose = pose * (step if edge.forward else step.inverse())
             pose = pose * self.robot.model.frames[platform].placement
             displacement = pose * reference.inverse()
-            R[k] = displacement.rotation
-            p[k] = displacement.translation
-            if self.only_translates:
-                p[k] = pose.translation - reference.translation
-        return R, p / self.robot.length
+            rotations.append(displacement.rotation)
+            origin_shift = pose.translation - reference.translation
+            translations.append(origin_shift if only_translates else displacement.translation)
+        return np.array(rotations), np.array(translations) / self.robot.length
 
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
         """Draw a pose that a closure allows, of the second body in the first.

@@ -63,13 +63,8 @@ def branch_and_bound(
     """
     pending = region
     proved = list[K]()
-    undecided = list[Stack]()
+    undecided = [select(region, slice(0))]  # a region without pieces leaves none undecided
     examined = 0
-
-    def least_distance(pieces: Stack) -> float:
-        """Return the least distance of the pieces; infinite without pieces or `distance`."""
-        return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
-
     while len(pending[0]) and examined < max_examined:
         if distance is not None:
             pending = select(pending, np.argsort(distance(pending), kind="stable"))
@@ -78,11 +73,12 @@ def branch_and_bound(
         pending = join([result.pending, select(pending, slice(BATCH, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
-        limit = min(limit, least_distance(result.undecided))
         if distance is not None:
+            limit = float(distance(result.undecided).min(initial=limit))
             pending = select(pending, distance(pending) < limit)
-    no_piece = select(region, slice(0))  # a region without pieces leaves none undecided
-    return Partition(proved, join([no_piece, *undecided]), pending, limit=min(limit, least_distance(pending)))
+    if distance is not None:
+        limit = float(distance(pending).min(initial=limit))
+    return Partition(proved, join(undecided), pending, limit)
 
 
 class Boxes(NamedTuple):

@@ -90,6 +90,11 @@ class DerivativeBounds:
             rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )
 
+    @property
+    def scale(self) -> Array:
+        """Factors (R, k) that make slopes dimensionless."""
+        return self.row_scale[:, None] * self.column_scale
+
     def configurations(self, u: Array) -> Array:
         """Return configurations (S, nq) offset from the reference by u (S, k) [rad, robot lengths]."""
         return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
@@ -103,7 +108,7 @@ class DerivativeBounds:
         robot = self.robot
         frames = frames_at(robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
-        scale = self.row_scale[:, None] * self.column_scale  # (R, k)
+        scale = self.scale
         values = np.zeros((len(q), len(scale)))
         slopes = np.zeros((len(q), *scale.shape))
         hessians = np.zeros((*slopes.shape, len(self.column_scale)))
@@ -168,8 +173,7 @@ class Derivatives(NamedTuple):
             chain = self.bounds.chains[term.ends]
             bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.in_moving])
             thirds[:, term.row, chain.in_moving[:, None], chain.in_moving] += bound
-        scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
-        return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
+        return ROUND_UP * thirds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
 
 
 class Remainders(NamedTuple):

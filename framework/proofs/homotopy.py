@@ -3,7 +3,7 @@
 Monodromy finds all complex solutions of a start system with random coefficients: the coefficients run round
 closed loops, along which one solution leads to all others (Duff et al., IMA J. Numerical Analysis 39, 2019).
 A line of coefficients, made complex by random factors, connects the start system to any other system of the
-family. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
+group. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
 are tracked in stacks.
 
 A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
@@ -32,7 +32,6 @@ from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import (
     ComplexArray,
     Displacements,
-    QuadricFamily,
     append_row,
     complex_normal,
     first_occurrences,
@@ -108,10 +107,9 @@ def find_real_solutions(
         group: the displacements among which the solutions are, with M functions.
         rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
-    family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
-    if family.is_dependent(coefficients):
-        R, p = group.to_displacements(np.zeros((0, family.size)))
+    if group.is_dependent(coefficients):
+        R, p = group.to_displacements(np.zeros((0, group.size)))
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
     rows, sizes = group.eliminate_square(coefficients)
@@ -140,31 +138,30 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         slack: (K, M) bounds on the errors of the coefficients.
         seed: chooses the paths.
     """
-    family = group.family
-    quadrics = family.quadrics(coefficients)
-    ends = find_path_ends(family, coefficients, seed)
+    quadrics = group.quadrics(coefficients)
+    ends = find_path_ends(group, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
     z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
     norms = np.linalg.norm(z, axis=1)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
     is_new = first_occurrences(z / norms[:, None])
-    proof = enclose_solutions(quadrics, family.quadrics_slack(slack), chart, z)
-    count = _count_paths(family, ends, z, is_real, is_new, proof)
+    proof = enclose_solutions(quadrics, group.quadrics_slack(slack), chart, z)
+    count = _count_paths(group, ends, z, is_real, is_new, proof)
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
     decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
     status: Status = "at least"
-    if decided == family.bound and are_apart(z, proof.radii):
+    if decided == group.bound and are_apart(z, proof.radii):
         status = "proved"
-    elif count.finite + count.infinite == count.paths == family.bound:
+    elif count.finite + count.infinite == count.paths == group.bound:
         status = "numerically complete"
     chosen = is_real & is_new
     return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
 
 
 def _count_paths(
-    family: QuadricFamily,
+    group: Displacements,
     ends: PathEnds,
     z: ComplexArray,
     is_real: BoolArray,
@@ -183,7 +180,7 @@ def _count_paths(
     """
     proved = proof.proved
     is_infinite = ends.infinite[ends.arrived] & ~proved
-    is_infinite[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
+    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
     return PathCount(
@@ -214,48 +211,44 @@ def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> Bo
 
 
 class StartSystem(NamedTuple):
-    """A random system of a family, and its solutions."""
+    """A random system of a group, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
     z: ComplexArray  # (bound, N), or fewer if monodromy missed some
 
 
 @cache
-def solve_start_system(family: QuadricFamily) -> StartSystem:
-    """Find the solutions of a random system of a family by monodromy.
+def solve_start_system(group: Displacements) -> StartSystem:
+    """Find the solutions of a random system by monodromy.
 
-    The first of two systems is chosen such that a random point solves it. Solutions are tracked to the second
-    system and back, each time with new complex factors of the equations, which makes a new closed loop of
-    coefficients.
+    The system is chosen such that a random point solves it. Solutions are tracked to another random system
+    and back, each time along a new closed loop of coefficients.
     """
     rng = np.random.default_rng(0)
-    z = family.random_point(rng)
-    members = family.values(z[None])[0]  # (M,) at z
+    z = group.random_point(rng)
+    members = group.values(z[None])[0]  # (M,) at z
     # z solves a system whose coefficients are orthogonal to the members at z
-    coefficients = family.random_coefficients(rng)
-    coefficients -= np.outer(coefficients @ members, members.conj()) / np.vdot(members, members)
-    coefficients /= np.linalg.norm(coefficients, axis=1, keepdims=True)
-    systems = [coefficients, family.random_coefficients(rng)]
-    solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]  # of each system
+    system = group.random_coefficients(rng)
+    system -= np.outer(system @ members, members.conj()) / np.vdot(members, members)
+    system /= np.linalg.norm(system, axis=1, keepdims=True)
+    solutions = z[None] / np.linalg.norm(z)
     for _ in range(MONODROMY_ROUNDS):
-        for start, end in ((0, 1), (1, 0)):  # to the second system, and back
-            rotated = [_rotate_phases(family, system, rng) for system in systems]
-            tracked = track_paths(family, rotated[start], rotated[end], solutions[start], rng)
-            candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
-            solutions[end] = candidates[first_occurrences(candidates)]
-        if len(solutions[0]) >= family.bound:
+        other = group.random_coefficients(rng)
+        away = track_paths(group, system, other, solutions, rng)
+        back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
+        candidates = np.concatenate([solutions, back.z[back.arrived]])
+        solutions = candidates[first_occurrences(candidates)]
+        if len(solutions) >= group.bound:
             break
-    return StartSystem(systems[0], solutions[0])
+    return StartSystem(system, solutions)
 
 
-def _rotate_phases(
-    family: QuadricFamily, coefficients: ComplexArray, rng: np.random.Generator
-) -> ComplexArray:
+def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> ComplexArray:
     """Multiply each equation (row) by a random complex number of modulus 1.
 
     The solutions stay the same, but paths from the system change.
     """
-    return np.exp(2j * np.pi * rng.random((family.equations, 1))) * coefficients
+    return np.exp(2j * np.pi * rng.random((len(coefficients), 1))) * coefficients
 
 
 class TrackedPaths(NamedTuple):
@@ -266,7 +259,7 @@ class TrackedPaths(NamedTuple):
 
 
 def track_paths(
-    family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
+    group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
@@ -274,9 +267,9 @@ def track_paths(
     is doubled after several good ones, and halved after any other, which is not taken. A path is lost if its
     step becomes too short or z too large for the chart.
     """
-    chart = complex_normal(rng, family.size)
-    quadrics = family.quadrics(start)
-    homotopy = _LinearHomotopy(quadrics, family.quadrics(end) - quadrics, chart)
+    chart = complex_normal(rng, group.size)
+    quadrics = group.quadrics(start)
+    homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
     t = np.zeros(len(z))
     step = np.full(len(z), FIRST_STEP)
@@ -318,7 +311,7 @@ class PathEnds(NamedTuple):
     last: ComplexArray  # (S, N) last point that the endgame tracked; it distinguishes paths with equal ends
 
 
-def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
+def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> PathEnds:
     """Find the ends of all S paths from the start system to a target system.
 
     The endgame decides the ends of paths that do not arrive or that end far away.
@@ -328,31 +321,31 @@ def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> Pat
         seed: of the random phases of the start system, on which the paths depend.
     """
     rng = np.random.default_rng(seed)
-    start_system = solve_start_system(family)
-    start = _rotate_phases(family, start_system.coefficients, rng)
+    start_system = solve_start_system(group)
+    start = _rotate_phases(start_system.coefficients, rng)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    z, arrived = track_paths(family, start, target, start_system.z, rng)
+    z, arrived = track_paths(group, start, target, start_system.z, rng)
 
-    is_doubtful = ~arrived | (displacement_sizes(family, z) > MIN_INFINITE_SIZE)
+    is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
     infinite, multiple = np.zeros((2, len(z)), dtype=bool)
     last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
     ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple, last=last)
-    _run_endgame(family, start, target, ends, is_doubtful, rng)
+    _run_endgame(group, start, target, ends, is_doubtful, rng)
     return ends
 
 
-def displacement_sizes(family: QuadricFamily, z: ComplexArray) -> Array:
+def displacement_sizes(group: Displacements, z: ComplexArray) -> Array:
     """Compute the sizes (S,) of displacements z (S, N), infinite at infinity.
 
     The size is the norm of all members of the family at z, divided by the modulus of the first member.
     """
-    values = family.values(z)
+    values = group.values(z)
     with np.errstate(divide="ignore"):
         return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
 
 
 def _run_endgame(
-    family: QuadricFamily,
+    group: Displacements,
     start: ComplexArray,
     target: ComplexArray,
     ends: PathEnds,
@@ -371,16 +364,16 @@ def _run_endgame(
         ends: of all S paths; `last` holds the start points of the live ones.
         live: (S,) paths to classify; becomes False where a path is classified or lost.
     """
-    log_sizes = [np.log(displacement_sizes(family, ends.last))]
+    log_sizes = [np.log(displacement_sizes(group, ends.last))]
     segment_start = start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         if not live.any():
             break
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        tracked = track_paths(family, segment_start, segment_end, ends.last[live], rng)
+        tracked = track_paths(group, segment_start, segment_end, ends.last[live], rng)
         ends.last[live] = tracked.z
         live[live] = tracked.arrived
-        log_sizes.append(np.log(displacement_sizes(family, ends.last)))
+        log_sizes.append(np.log(displacement_sizes(group, ends.last)))
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
@@ -393,7 +386,7 @@ def _run_endgame(
         ends.infinite[is_infinite] = True
 
         is_open = is_finite & ~ends.arrived
-        last_stretch = track_paths(family, segment_end, target, ends.last[is_open], rng)
+        last_stretch = track_paths(group, segment_end, target, ends.last[is_open], rng)
         ends.z[is_open], ends.arrived[is_open] = last_stretch
         ends.multiple[is_open] = ~last_stretch.arrived
 

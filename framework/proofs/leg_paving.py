@@ -7,7 +7,7 @@ hinges by the lesser of their distances from the point, all links in one line; a
 along two slides by 0. These bounds hold in boxes of any width; the bounds of `derivative_bounds` are sharp in
 small boxes.
 
-A known solution is the only one in some box about it (`unique_radius`). All other boxes are narrowed and
+A known solution is the only one in some box about it (`unique_radii`). All other boxes are narrowed and
 halved until none of them can hold a solution, or one is too small to be halved.
 """
 
@@ -75,7 +75,8 @@ def are_leg_solutions_complete(
     residuals = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
     points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
     period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
-    return has_only_known_solutions(equations, region, KnownSolutions.of(equations, points, period))
+    known = KnownSolutions(points, unique_radii(equations, points), period)
+    return has_only_known_solutions(equations, region, known)
 
 
 def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
@@ -114,12 +115,6 @@ class KnownSolutions(NamedTuple):
     radii: Array  # (k,) of the boxes
     period: Array  # (n,) of the coordinates: a whole turn of angles, inf of lengths
 
-    @staticmethod
-    def of(equations: Equations, points: Array, period: Array) -> KnownSolutions:
-        """Return points (k, n) with the radii in which each is the only solution."""
-        radii = np.array([unique_radius(equations, point) for point in points])
-        return KnownSolutions(points, radii, period)
-
     def contains(self, boxes: Boxes) -> BoolArray:
         """Return whether each of B boxes lies in the box of one solution, (B,).
 
@@ -131,21 +126,20 @@ class KnownSolutions(NamedTuple):
         return np.any(farthest < self.radii, axis=1)
 
 
-def unique_radius(equations: Equations, point: Array) -> float:
-    """Compute the radius of a box about a point (n,) with at most one solution; 1 at most.
+def unique_radii(equations: Equations, points: Array) -> Array:
+    """Compute radii (k,) of boxes about points (k, n) with at most one solution each; 1 at most.
 
-    Let J (m, n) be the Jacobian at the point, Y its pseudo-inverse and dJ a bound on the change of J within
-    the box. Two solutions in the box are impossible if the mean Jacobian between any two of its points has
-    full rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Up to radius 1, dJ grows in proportion
-    to the radius. The errors of the equations in a box of radius 1 bound second-order terms, so the row sums
-    of dJ at radius 1 are twice these errors.
+    Let J (m, n) be the Jacobian at a point, Y its pseudo-inverse and dJ a bound on the change of J within the
+    box. Two solutions in the box are impossible if the mean Jacobian between any two of its points has full
+    rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Up to radius 1, dJ grows in proportion to
+    the radius. The errors of the equations in a box of radius 1 bound second-order terms, so the row sums of
+    dJ at radius 1 are twice these errors.
     """
-    n = len(point)
-    linear = equations(point[None], np.ones((1, n)))  # in a box of radius 1
-    Y = np.linalg.pinv(linear.slopes)  # (1, n, m)
-    defect = identity_defect(Y, linear.slopes).sum(axis=2).max()
-    change = 2 * np.matvec(np.abs(Y), linear.errors).max()  # row sum of |Y| dJ at radius 1
-    return min((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
+    linear = equations(points, np.ones_like(points))  # in boxes of radius 1
+    Y = np.linalg.pinv(linear.slopes)  # (k, n, m)
+    defect = identity_defect(Y, linear.slopes).sum(axis=2).max(axis=1)
+    change = 2 * np.matvec(np.abs(Y), linear.errors).max(axis=1)  # largest row sum of |Y| dJ at radius 1
+    return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
 def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:

@@ -19,7 +19,9 @@ from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
-from framework.proofs.rounding import ROUND_UP, approximate_inverses, identity_defect
+from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.krawczyk import prove_existence
+from framework.proofs.rounding import approximate_inverses
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 300  # of a search for all solutions
@@ -55,10 +57,10 @@ def find_joints_at_poses(
     starts = np.tile(draw_starts(robot, q, robot.passive, STARTS_PER_POSE), (len(positions), 1))
     q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     nearest_poses = list[Array | None]()
-    for first in range(0, len(q), STARTS_PER_POSE):
-        of_target = slice(first, first + STARTS_PER_POSE)
-        candidates = remove_whole_turns(robot, q[of_target][closed[of_target]])
-        nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
+    ends = q.reshape(-1, STARTS_PER_POSE, robot.model.nq)
+    for candidates, is_closed in zip(ends, closed.reshape(-1, STARTS_PER_POSE), strict=True):
+        poses = remove_whole_turns(robot, candidates[is_closed])
+        nearest_poses.append(min(poses, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
 
@@ -146,36 +148,34 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
 def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bool = False) -> bool:
     """Return whether the loops provably have one solution near q (nq,), motors locked.
 
-    With `platform_locked` the platform is locked instead of the motors; springs are always locked. The
-    theorem of Newton and Kantorovich (Ortega 1968) requires beta^2 K |F| <= 1/2 in the largest-entry norm, in
-    radians and robot lengths. F (k,) are the loop equations (and the platform's), J (k, k) is their Jacobian,
-    and K = k^2 max |d2F| bounds the change of J. With X near J^-1, beta = |X| / (1 - |1 - X J|) bounds
-    |J^-1|. The second derivatives are bounded by the length L of all links in one line: no joint turns a
-    frame at a larger distance, and an equation is a product of two vectors that turn. Each such product has
-    second derivatives of at most 4 L^2 for L >= 1, doubled here as a margin.
+    With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
+    is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
+    loops (and the platform). Their second derivatives are bounded by the length L of all links in one line:
+    no joint turns a frame at a larger distance, and an equation is a product of two vectors that turn. Each
+    such product has second derivatives of at most 4 L^2 for L >= 1.
     """
     linearised = linearised_at(robot, q[None], None)
-    matrix_of = type1_matrix if platform_locked else passive_matrix
-    J = matrix_of(robot, linearised)  # (1, k, k)
-    k = J.shape[1]
-    if k != J.shape[2]:
+    values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
+    J = type1_matrix(robot, linearised)
+    if not platform_locked:
+        values = values[:, robot.n :]
+        J = passive_matrix(robot, linearised)
+    _, k, joints = J.shape
+    if k != joints:
         return False
     max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
     row_size = robot.structure.row_sizes.min(initial=1.0)
-    rounding = FRAME_ROUNDING * max_length / row_size  # of an equation or an entry of J
-
-    X = approximate_inverses(J)
-    X_norm = ROUND_UP * np.abs(X).sum(axis=2).max()
-    defect = ROUND_UP * identity_defect(X, J).sum(axis=2).max() + X_norm * k * rounding
-    if defect >= 1.0:
-        return False
-    beta = X_norm / (1.0 - defect)
-
-    gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]  # of the loops
+    rounding = FRAME_ROUNDING * max_length / row_size  # of a value or a slope
     units = np.where(robot.loops.square, robot.length, 1.0)
     max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    K = k**2 * 8.0 * max_length**2 * max_weight / row_size
-    return bool(beta**2 * K * (gaps.max() + rounding) <= 0.5)
+    second_derivative = (2 * max_length) ** 2 * max_weight / row_size
+
+    inverse_size = np.abs(approximate_inverses(J))
+    radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
+    slope_changes = np.full_like(J, second_derivative * k * radius + rounding)
+    equations = LinearEnclosure(values, J, np.full_like(values, rounding))
+    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
+    return bool(proof.proved[0])
 
 
 def distinct_rows(joints: Array) -> list[int]:

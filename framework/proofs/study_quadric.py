@@ -8,7 +8,7 @@ degree 40):
 
     |R b + p - a|^2 = l^2:    |p|^2 + 2 b . R'p - 2 a . p - 2 a . R b + |a|^2 + |b|^2 - l^2 = 0
 
-Such conditions make a system of a linear family (`QuadricFamily`): K equations z' (sum_j c_ij G_j) z = 0 with
+Such conditions make a system of a linear family (`Displacements`): K equations z' (sum_j c_ij G_j) z = 0 with
 coefficients c (K, M), and F fixed equations z' S z = 0, for a point z of projective space P^(N-1), N = K + F
 + 1. For almost all coefficients a system has the same number of isolated solutions, and no system of the
 family has more (Morgan and Sommese 1989). Base points, where all members vanish, do not count. `homotopy`
@@ -35,75 +35,6 @@ ComplexArray = NDArray[np.complex128]
 _ONE, _SQUARE = 0, 1
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
 _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
-
-
-@dataclass(frozen=True, eq=False)
-class QuadricFamily:
-    """Systems of quadrics: combinations of M members, and F fixed equations."""
-
-    name: str
-    members: Array  # (M, N, N)
-    fixed: Array  # (F, N, N), F = 0 or 1
-    bound: int  # on the number of isolated solutions of any system
-
-    @property
-    def size(self) -> int:
-        """Number N of homogeneous coordinates of z."""
-        return int(self.members.shape[1])
-
-    @property
-    def equations(self) -> int:
-        """Number K of combinations of members in a system."""
-        return self.size - 1 - len(self.fixed)
-
-    def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
-        """Return the matrices (K + F, N, N) of the system with coefficients (K, M)."""
-        matrices = np.tensordot(coefficients, self.members, axes=1)
-        return np.concatenate([matrices, self.fixed]).astype(complex)
-
-    def quadrics_slack(self, slack: Array) -> Array:
-        """Bound the change (K + F, N, N) of `quadrics` where coefficients change by up to `slack` (K, M)."""
-        changes = np.tensordot(slack, np.abs(self.members), axes=1)
-        return np.concatenate([changes, np.zeros_like(self.fixed)])
-
-    def values(self, z: ComplexArray) -> ComplexArray:
-        """Evaluate the members (S, M) at points z (S, N)."""
-        return np.einsum("mij,ti,tj->tm", self.members, z, z)
-
-    def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
-        z, direction = complex_normal(rng, (2, self.size))
-        for S in self.fixed:  # z + t direction is on the quadric at the roots t
-            t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
-            z = z + t[0] * direction
-        return z / np.linalg.norm(z)
-
-    def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
-        """Draw complex coefficients (K, M), each row of unit size."""
-        c = complex_normal(rng, (self.equations, len(self.members)))
-        return c / np.linalg.norm(c, axis=1, keepdims=True)
-
-    def is_dependent(self, coefficients: Array) -> bool:
-        """Return whether the equations depend on one another, so that no solution is isolated.
-
-        Let f_1 be the first member, which is zero only at infinity, and f_k the combinations of members with
-        coefficients (K, M). The equations are f_k / f_1 and the fixed quadrics. If their gradients have full
-        rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
-        points are tried.
-        """
-        rng = np.random.default_rng(0)
-        quadrics = self.quadrics(coefficients)
-        first = self.members[0]
-        for _ in range(2):
-            z = self.random_point(rng)
-            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
-            quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
-            # f_1 / 2 times the gradient of f_k / f_1
-            gradients[: self.equations] -= np.outer(quotients, first @ z)
-            sizes = singular_values(gradients)
-            if sizes[-1] > RANK_ROUNDING * sizes[0]:
-                return False
-        return True
 
 
 def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> ComplexArray:
@@ -177,11 +108,77 @@ def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Displacements:
-    """A group of displacements, the family of its linear conditions, and its coordinates."""
+    """A group of displacements, and the systems of quadrics that are linear conditions on the group.
 
-    family: QuadricFamily
-    chosen: IntArray  # (M,) indices of the family's members among the 17 functions
-    coordinates: IntArray  # (N,) indices of the family's coordinates among the 8 of a dual quaternion
+    A system has K equations, each a combination of the M members, and F fixed equations. They are quadrics in
+    N homogeneous coordinates z, which are some of those of a dual quaternion.
+    """
+
+    name: str
+    members: Array  # (M, N, N) functions of the displacement as quadratic forms of z
+    fixed: Array  # (F, N, N), F = 0 or 1
+    bound: int  # on the number of isolated solutions of any system
+    chosen: IntArray  # (M,) indices of the members among the 17 functions
+    coordinates: IntArray  # (N,) indices of z among the 8 coordinates of a dual quaternion
+
+    @property
+    def size(self) -> int:
+        """Number N of homogeneous coordinates of z."""
+        return int(self.members.shape[1])
+
+    @property
+    def equations(self) -> int:
+        """Number K of combinations of members in a system."""
+        return self.size - 1 - len(self.fixed)
+
+    def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
+        """Return the matrices (K + F, N, N) of the system with coefficients (K, M)."""
+        matrices = np.tensordot(coefficients, self.members, axes=1)
+        return np.concatenate([matrices, self.fixed]).astype(complex)
+
+    def quadrics_slack(self, slack: Array) -> Array:
+        """Bound the change (K + F, N, N) of `quadrics` where coefficients change by up to `slack` (K, M)."""
+        changes = np.tensordot(slack, np.abs(self.members), axes=1)
+        return np.concatenate([changes, np.zeros_like(self.fixed)])
+
+    def values(self, z: ComplexArray) -> ComplexArray:
+        """Evaluate the members (S, M) at points z (S, N)."""
+        return np.einsum("mij,ti,tj->tm", self.members, z, z)
+
+    def random_point(self, rng: np.random.Generator) -> ComplexArray:
+        """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
+        z, direction = complex_normal(rng, (2, self.size))
+        for S in self.fixed:  # z + t direction is on the quadric at the roots t
+            t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
+            z = z + t[0] * direction
+        return z / np.linalg.norm(z)
+
+    def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
+        """Draw complex coefficients (K, M), each row of unit size."""
+        c = complex_normal(rng, (self.equations, len(self.members)))
+        return c / np.linalg.norm(c, axis=1, keepdims=True)
+
+    def is_dependent(self, coefficients: Array) -> bool:
+        """Return whether the equations depend on one another, so that no solution is isolated.
+
+        Let f_1 be the first member, which is zero only at infinity, and f_k the combinations of members with
+        coefficients (K, M). The equations are f_k / f_1 and the fixed quadrics. If their gradients have full
+        rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
+        points are tried.
+        """
+        rng = np.random.default_rng(0)
+        quadrics = self.quadrics(coefficients)
+        first = self.members[0]
+        for _ in range(2):
+            z = self.random_point(rng)
+            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
+            quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
+            # f_1 / 2 times the gradient of f_k / f_1
+            gradients[: self.equations] -= np.outer(quotients, first @ z)
+            sizes = singular_values(gradients)
+            if sizes[-1] > RANK_ROUNDING * sizes[0]:
+                return False
+        return True
 
     @property
     def only_translates(self) -> bool:
@@ -236,7 +233,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     fixed = study[restricted]
     fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
     members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
-    return Displacements(QuadricFamily(name, members, fixed, bound), chosen, coordinates)
+    return Displacements(name, members, fixed, bound, chosen, coordinates)
 
 
 @cache

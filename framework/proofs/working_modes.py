@@ -21,7 +21,7 @@ from framework.kinematics.inverse_kinematics import remove_idle_spin, require_sq
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tree_model import positions_beyond_limits
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.homotopy import Status
 from framework.proofs.leg_paving import are_leg_solutions_complete
@@ -187,11 +187,11 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     motors = robot.actuated_coordinates(q)
     lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
     is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
+    within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
     distances = np.abs(_reference_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
     modes = []
-    for k in np.argsort(distances, kind="stable"):
+    for k in np.lexsort([distances, ~within_limits]):
         if is_closed[k]:
             proved = has_one_solution_near(robot, q[k], platform_locked=True)
-            within_limits = not positions_beyond_limits(robot.limits, q[k : k + 1])
-            modes.append(WorkingMode(q[k], motors[k], signs[k], proved, within_limits))
-    return sorted(modes, key=lambda mode: not mode.within_limits)
+            modes.append(WorkingMode(q[k], motors[k], signs[k], proved, bool(within_limits[k])))
+    return modes
