@@ -1,31 +1,38 @@
-"""The singular pose nearest to a given pose: the margin from Type 2.
+"""The singular pose nearest to a given pose, and the pose nearest to a platform target out of reach.
 
-Rays start at the platform coordinates x of the pose in many directions. Continuation follows all of them at
-once until the branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method
-looks for the foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the
-locus. From y it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
+The distance to the nearest singular pose is the margin from Type 2 (`nearest_singular_pose`). Rays start at
+the platform coordinates x of the pose in many directions. Continuation follows all of them at once until the
+branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the
+foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. From y
+it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
 
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
 radius of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
 bounds differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
+
+The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
+search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled
+once per robot, on random walks from the reference, and searches start from the samples nearest to the target.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
-from framework.errors import InvalidInput
-from framework.kinematics.continuation.pose_search import distance_unit
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
@@ -34,14 +41,17 @@ from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
-RAYS = {1: 2, 2: 96, 3: 300}  # number of rays by the number of platform coordinates
-RAYS_IN_MORE = 600  # number of rays for platforms with more coordinates
+RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
 MAX_STARTS = 8  # of Newton's method, on the shortest rays that meet the locus
 FAR_RATIO = 1.25  # segments that start beyond this ratio times the distance of the nearest end are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
+WALKS, WALK_STEPS = 64, 60  # random walks; steps of each
+MAX_WALK_STEP = 0.1  # [robot lengths, rad]
+STARTS = 3  # searches at most
+START_DISTANCE = 2 * MAX_WALK_STEP  # least distance between starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +113,17 @@ def nearest_singular_pose(
     leg_end = _type_1_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
     proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells)
-    pose: dict[str, Any] = {}
-    if nearest is not None:
-        twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
-        pose = {"distance": nearest.distance * unit_length, "x": nearest.x, "q": nearest.q, "twist": twist}
-    return NearestSingularPose(
+    result = NearestSingularPose(
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         rays=len(directions),
         leg_end=leg_end * unit_length,
-        **pose,
     )
+    if nearest is None:
+        return result
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
+    return replace(result, distance=radius * unit_length, x=nearest.x, q=nearest.q, twist=twist)
 
 
 class RaySegments(NamedTuple):
@@ -143,7 +152,7 @@ def _spread_directions(n: int) -> Array:
     by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
     height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
-    count = RAYS.get(n, RAYS_IN_MORE)
+    count = RAYS[n]
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
@@ -339,3 +348,74 @@ def _linearise_g(robot: ParallelRobot, q: Array, y: Array) -> tuple[float, Array
     g = _compute_g(robot, step.q)
     g_forward, g_backward = np.split(g[1:], 2)
     return g[0], (g_forward - g_backward) / (2 * DIFFERENCE_STEP)
+
+
+# ------------------------------------------------------------------ targets out of reach
+
+
+def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
+    """Find the pose nearest to platform coordinates x (n,) within the joints' ranges.
+
+    The pose is joined to the reference by steps within the ranges, on which every leg keeps its working mode.
+    The steps may cross Type 2 singularities. The pose is the best result of a few local searches, without a
+    proof that no other pose is nearer. The first call for a robot samples poses, which takes about a second.
+
+    Raises:
+        InvalidInput: not n finite numbers; the platform does not determine the joints.
+    """
+    expect_robot(robot)
+    target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
+    search = PoseSearch(robot)
+    sampled_q, sampled_x = _sample_poses(robot)
+    ends: list[NearestPose] = []
+    for k in _choose_starts((sampled_x - target) / robot.platform_scale):
+        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:  # the target is reached
+            break
+    return min(ends, key=lambda pose: pose.distance)
+
+
+def _choose_starts(offsets: Array) -> list[int]:
+    """Return indices of samples near the target, START_DISTANCE apart, nearest first.
+
+    Args:
+        offsets: (S, n) of the samples from the target [robot lengths, rad].
+    """
+    starts: list[int] = []
+    distances = np.linalg.norm(offsets, axis=1)
+    while len(starts) < STARTS and np.isfinite(distances).any():
+        start = int(np.argmin(distances))
+        starts.append(start)
+        is_close = np.linalg.norm(offsets - offsets[start], axis=1) < START_DISTANCE
+        distances[is_close] = np.inf
+    return starts
+
+
+@lru_cache(maxsize=8)
+def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
+    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
+
+    Each random walk keeps its direction until a step is refused, at Type 1 or the end of a range. Then it
+    continues in a new random direction.
+    """
+    random = np.random.default_rng(0)
+    q = np.tile(robot.reference.q, (WALKS, 1))
+    x = np.tile(robot.reference.x, (WALKS, 1))
+    samples_q = [q.copy()]
+    samples_x = [x.copy()]
+    direction = np.zeros_like(x)
+    accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
+    for _ in range(WALK_STEPS):
+        new_direction = random.standard_normal(x.shape)
+        new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
+        direction[~accepted] = new_direction[~accepted]
+        length = MAX_WALK_STEP * random.random((WALKS, 1))
+        target = x + direction * length * robot.platform_scale
+        step = step_poses(robot, q, x, target)
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)
+        accepted = (step.reason == PoseReason.REACHED) & ~beyond
+        q[accepted] = step.q[accepted]
+        x[accepted] = target[accepted]
+        samples_q.append(q.copy())
+        samples_x.append(x.copy())
+    return np.concatenate(samples_q), np.concatenate(samples_x)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.pose_stack import follow_motors
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -107,17 +107,13 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
 
     modes = assembly_modes(robot, motors[0]).modes
     for mode in sorted(modes, key=lambda mode: distance(mode.x, cusp.x))[:3]:
-        q = [mode.q]
-        x = [mode.x]
         try:
-            for target in motors[1:]:
-                pose = forward_kinematics(robot, target, near=q[-1])
-                q.append(pose.q)
-                x.append(pose.x)
+            poses = list(follow_motors(robot, motors, near=mode.q))
         except NotAssembled:  # the circle meets the locus
             continue
+        q = np.array([pose.q for pose in poses])
+        x = np.array([pose.x for pose in poses])
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
-            poses = np.array(q)
-            g = singularity_measure(robot, linearised_at(robot, poses, None)).g
-            return AssemblyModeChange(cusp, motors, poses, np.array(x), g)
+            g = singularity_measure(robot, linearised_at(robot, q, None)).g
+            return AssemblyModeChange(cusp, motors, q, x, g)
     return None

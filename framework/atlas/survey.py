@@ -91,7 +91,7 @@ EDGE_POSES = 200  # poses along an edge
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
 FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one must be assembled
 SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
-SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first survey
+SURVEY_REACH = 1.6  # [robot lengths, rad] half an edge of the first survey
 SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
 FINE_SURVEYS = 2  # further surveys, each of the window that the previous one has found
 
@@ -106,8 +106,8 @@ def survey_window(
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    A first survey covers `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at` with coarse
-    poses. Each of `FINE_SURVEYS` further surveys covers the window that the previous one has found.
+    A first survey covers `SURVEY_REACH` about the point `at` with coarse poses. Each of `FINE_SURVEYS` further
+    surveys covers the window that the previous one has found.
 
     Args:
         axes: names of two platform coordinates; by default the first two, translations first.
@@ -122,7 +122,7 @@ def survey_window(
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
     middle = point[list(columns)]
-    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
+    half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
     bounds = Window(
         axes=columns,
         lower=middle - half_edges,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.nearest_pose import nearest_pose
+from framework.atlas.nearest import nearest_pose
 from framework.cli import arguments
 from framework.cli.parser import (
     Report,

@@ -112,8 +112,7 @@ def find_real_solutions(
         R, p = group.to_displacements(np.zeros((0, group.size)))
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
-    rows, sizes = group.eliminate_square(coefficients)
-    slack = rounding * sizes
+    rows, slack = group.eliminate_square(coefficients, rounding)
     attempts = list[RealSolutions]()
     for seed in range(1, MAX_ATTEMPTS + 1):
         attempts.append(_prove_path_ends(group, rows, slack, seed))

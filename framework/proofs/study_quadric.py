@@ -63,33 +63,30 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
 
-def _quaternion_products() -> Array:
-    """Return the table (4, 4, 4) of quaternion products: (a b)_k = sum_ij table[k, i, j] a_i b_j."""
-    units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
-    products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
-    return np.moveaxis(products, 2, 0)
-
-
 @cache
 def _function_forms() -> Array:
-    """Return the 17 functions as quadratic forms (17, 8, 8) of z = (x, y).
+    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y), by polarisation.
 
-    They are in the order of `displacement_functions`. Multiplied by |x|^2, the functions are |x|^2, 4 |y|^2,
-    2 y x*, 2 x* y and, for the unit quaternions e = i, j, k, the columns x e x* of R.
+    A quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with unit vectors e.
     """
-    product = _quaternion_products()
-    star = np.diag([1.0, -1.0, -1.0, -1.0])  # star x = x*, the conjugate
-    x = slice(0, 4)
-    y = slice(4, 8)
-    forms = np.zeros((17, 8, 8))
-    forms[_ONE, x, x] = np.eye(4)
-    forms[_SQUARE, y, y] = 4 * np.eye(4)
-    forms[_POSITION, y, x] = 2 * product[1:] @ star  # y x*
-    forms[_ORIGIN, x, y] = 2 * star @ product[1:]  # x* y
-    for column in range(3):
-        x_times_unit = product[:, :, column + 1]  # (4, 4) of x e as a linear map of x
-        forms[_ROTATION[:, column], x, x] = x_times_unit.T @ product[1:] @ star  # (x e) x*
-    return (forms + forms.swapaxes(1, 2)) / 2
+    units = np.eye(8)
+    sums = np.array([[_scaled_functions(a + b) for b in units] for a in units])  # (8, 8, 17)
+    squares = np.array([_scaled_functions(a) for a in units])  # (8, 17)
+    return np.moveaxis(sums - squares[:, None] - squares, 2, 0) / 2
+
+
+def _scaled_functions(z: Array) -> Array:
+    """Compute |x|^2 times the functions 1, |p|^2, p, R'p, R (17,) of a dual quaternion z = (x, y).
+
+    These are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and, for the unit quaternions e = i, j, k, the columns x e x*.
+    """
+    x = pin.Quaternion(*z[:4])
+    y = pin.Quaternion(*z[4:])
+    conjugate = x.conjugate()
+    columns = [(x * pin.Quaternion(0.0, *e) * conjugate).vec() for e in np.eye(3)]
+    norms = [x.squaredNorm(), 4 * y.squaredNorm()]
+    vectors = [2 * (y * conjugate).vec(), 2 * (conjugate * y).vec()]
+    return np.concatenate([norms, *vectors, np.transpose(columns).ravel()])
 
 
 def displacement_functions(R: Array, p: Array) -> Array:
@@ -185,33 +182,36 @@ class Displacements:
         """Whether all displacements are translations."""
         return not np.isin(_X, self.coordinates).any()
 
-    def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
+    def eliminate_square(self, coefficients: Array, rounding: float) -> tuple[Array, Array]:
         """Eliminate |p|^2 from all conditions (K, M) but one.
 
         Towards infinity |p|^2 outgrows all other functions, so conditions that contain |p|^2 become nearly
         parallel. The condition with the largest share of |p|^2 is the pivot. It is divided by its coefficient
         of |p|^2, and multiples of it are subtracted from the others.
 
+        Args:
+            rounding: error of the coefficients, relative to the largest coefficient of each condition.
+
         Returns:
-            Equivalent conditions (K, M), the pivot first, and the sizes (K, M) to which the rounding of their
-            coefficients is relative. All coefficients of a condition are as uncertain as its largest one,
-            except those of |p|^2, which are exactly 1 and 0 and have the size 0.
+            Equivalent conditions (K, M), and bounds (K, M) on the errors of their coefficients. The
+            coefficients of |p|^2 are exactly 1 and 0 then.
         """
-        square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
-        shares = np.abs(coefficients[:, square]).max(axis=1, initial=0.0) / largest[:, 0]  # (K,) of |p|^2
+        errors = np.repeat(rounding * largest, len(self.chosen), axis=1)
+        square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
+        multiples = coefficients[:, square]  # (K, 1) of the pivot in each condition
+        shares = np.abs(multiples / largest)
+        if not shares.any():
+            return coefficients, errors
         k = int(np.argmax(shares))
-        if not shares[k]:
-            return coefficients, np.broadcast_to(largest, coefficients.shape)
-        pivot = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
-        others = np.delete(coefficients, k, axis=0)
-        multiples = others[:, square]  # (K - 1, 1)
-        rows = np.vstack([pivot, others - multiples * pivot])
-        other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(pivot).max()
-        sizes = np.repeat(np.vstack([1.0 / shares[k], other_sizes]), len(self.chosen), axis=1)
-        rows[1:, square] = 0.0
-        sizes[:, square] = 0.0
-        return rows, sizes
+        pivot = coefficients[k] / multiples[k]
+        rows = coefficients - multiples * pivot
+        errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
+        rows[:, square] = 0.0
+        rows[k] = pivot
+        errors[k] = rounding / shares[k]
+        errors[:, square] = 0.0
+        return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 import robots
 from framework import ControlCycle, InvalidInput, assemble
-from framework.atlas.nearest_pose import nearest_pose
+from framework.atlas.nearest import nearest_pose
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.pose import describe_pose
