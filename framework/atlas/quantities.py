@@ -67,13 +67,12 @@ class Quantity:
     signed: bool = False  # whether its sign has a meaning
     springs: bool = False  # whether it needs a robot with springs
     loaded: bool = False  # whether it is computed at poses deflected by weight and `wrench`
-    holding: bool = False  # whether it is a torque that balances weight and `wrench`; needs torque limits
     wrench: tuple[float, ...] | None = None  # (n,) external wrench ON the platform [N, N m]
 
     @property
     def takes_wrench(self) -> bool:
         """Whether the quantity depends on the wrench."""
-        return self.loaded or self.holding
+        return self.loaded or self.key == "holding"
 
 
 def holding_torque_ratio(poses: Poses) -> Array:
@@ -116,9 +115,7 @@ QUANTITIES = {
             large_is_good=False,
             decades=True,
         ),
-        Quantity(
-            "holding", "largest motor torque at rest over its limit", "1", large_is_good=False, holding=True
-        ),
+        Quantity("holding", "largest motor torque at rest over its limit", "1", large_is_good=False),
         Quantity(
             "stiffness",
             "stiffness in the softest direction, motors locked",
@@ -189,7 +186,7 @@ def choose_quantities(
                 f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
                 f"flexible_joints or flexible_links"
             )
-        if quantity.holding and not has_torque_limits(robot):
+        if name == "holding" and not has_torque_limits(robot):
             raise InvalidInput(f"quantity {name}: no motor of {robot.name} has a torque_limit")
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(

@@ -106,8 +106,8 @@ def survey_window(
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    A first survey covers `SURVEY_REACH` about the point `at` with coarse poses. Each of `FINE_SURVEYS` further
-    surveys covers the window that the previous one has found.
+    A first survey covers `SURVEY_REACH` about the point `at` with coarse poses. Each of `FINE_SURVEYS`
+    further surveys covers the window that the previous one has found.
 
     Args:
         axes: names of two platform coordinates; by default the first two, translations first.

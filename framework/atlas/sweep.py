@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.continuation.predictor_corrector import StepMeasure, measure_steps
+from framework.kinematics.continuation.predictor_corrector import measure_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
@@ -144,8 +144,9 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     """
     linearised = linearised_at(robot, q, start)
     start_twist = robot.platform.twist(start, end - start)[0]  # the platform's step, as a twist
-    at_rest = np.zeros((len(q), robot.n_e))  # springs
-    prediction = joint_rates(robot, linearised, start_twist, at_rest)  # (T, nv) step along the tangent
+    end_twist = robot.platform.twist(end, end - start)[0]
+    # (T, nv) step along the tangent, springs at rest
+    prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, prediction)
     corrected, end_linearised, closed = close_each(
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_NEWTON_STEP
@@ -153,24 +154,39 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
 
     kept = np.flatnonzero(closed)
-    ends = end_linearised.select(kept)
-    end_twist = robot.platform.twist(end[kept], (end - start)[kept])[0]
-    end_step = joint_rates(robot, ends, end_twist, at_rest[kept])
-    correction = difference(robot, predicted[kept], corrected[kept])
-    measure = measure_steps(robot, correction, prediction[kept], end_step)
-    accepted = _accept_steps(robot, linearised.select(kept), ends, measure)
+    accepted = _accept_steps(
+        robot,
+        linearised.select(kept),
+        end_linearised.select(kept),
+        end_twist[kept],
+        prediction[kept],
+        difference(robot, predicted[kept], corrected[kept]),
+    )
     reason[kept[accepted]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
 def _accept_steps(
-    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, measure: StepMeasure
+    robot: ParallelRobot,
+    start: LinearisedLoops,
+    end: LinearisedLoops,
+    end_twist: Array,
+    prediction: Array,
+    correction: Array,
 ) -> BoolArray:
-    """Return a mask (T,) of the steps with small corrections that keep working mode and branch.
+    """Return a mask (k,) of the steps that keep working mode and branch.
 
     If the determinant keeps its sign, the working mode is the same. Otherwise the modes themselves are
     compared.
+
+    Args:
+        start, end: loops at the ends of the steps.
+        end_twist: platform's steps (k, n) as twists at the ends.
+        prediction: joints' steps (k, nv) along the tangents at the starts.
+        correction: offsets (k, nv) from the predicted to the closed configurations.
     """
+    end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
+    measure = measure_steps(robot, correction, prediction, end_step)
     has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
     accepted = measure.small.copy()
     for k in np.flatnonzero(accepted & ~has_same_sign).tolist():

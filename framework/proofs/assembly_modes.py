@@ -239,12 +239,9 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
         R, p = sampler.sample_displacements(chain, group.only_translates)
-        table = displacement_functions(R, p)[:, group.chosen]
-        _, singular_values, V_rows = np.linalg.svd(table)
-        rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
-        condition_number = singular_values[0] / singular_values[rank - 1]  # of the row space
+        null_space, condition_number = _null_space(displacement_functions(R, p)[:, group.chosen])
+        conditions.append(null_space)
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
-        conditions.append(V_rows[rank:])  # the null space
     rows = np.concatenate(conditions)
     K = group.equations
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
@@ -253,6 +250,16 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
         rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     return LegConditions(group, rows, rounding)
+
+
+def _null_space(table: Array) -> tuple[Array, float]:
+    """Return an orthonormal basis of a table's null space, and the condition number of its row space.
+
+    The vectors of the basis are rows.
+    """
+    _, singular_values, V_rows = np.linalg.svd(table)
+    rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
+    return V_rows[rank:], singular_values[0] / singular_values[rank - 1]
 
 
 def _displacement_group(robot: ParallelRobot) -> Displacements | None:

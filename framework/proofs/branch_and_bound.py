@@ -104,8 +104,9 @@ class Boxes(NamedTuple):
     def halve(self, axis: IntArray) -> Boxes:
         """Halve each box across its axis (S,); return lower halves, then upper halves."""
         is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
-        cut = np.where(is_cut, 0.0, self.radii)  # upper bounds of the lower halves
-        return join([self.sub_boxes(-self.radii, cut), self.sub_boxes(-cut, self.radii)])
+        radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
+        shift = np.where(is_cut, 0.5 * self.radii, 0.0)
+        return join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
 
 
 def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray) -> tuple[Boxes, Boxes]:

@@ -42,7 +42,10 @@ RANDOM_CHARTS = 200
 
 
 class NewtonMap(NamedTuple):
-    """The map z -> z - Y F(z) about S points, in k unknowns; z is the offset from the point."""
+    """The map z -> z - Y F(z) about S points, in k unknowns.
+
+    z is the offset from the point.
+    """
 
     Y: Any  # (S, k, k) near the inverse of J at the point; zero where J is singular
     root: Any  # (S, k) value of the map at the point: -Y F

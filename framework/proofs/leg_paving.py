@@ -202,8 +202,9 @@ class LegEquations:
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        turning = np.where(rows.rotation[loops], "attitude", "position")
-        kinds = np.where(rows.square[loops], "square", turning).tolist()
+        kinds = np.select(
+            [rows.square[loops], rows.rotation[loops]], ["square", "attitude"], "position"
+        ).tolist()
 
         attitude = None
         platform = robot.platform
@@ -222,7 +223,7 @@ class LegEquations:
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the equations in boxes of middles and radii (B, n) [rad, robot lengths].
 
-        Values and slopes are those at the middles. The errors are the chain's bounds on second-order terms.
+        Values and slopes are those at the middles.
         """
         robot = self.robot
         own = self.own
@@ -235,16 +236,21 @@ class LegEquations:
             axes, axis_slopes = attitude_equations(frames, self.attitude)
             parts.append((axes, axis_slopes[:, :, own]))
         values, slopes = map(np.hstack, zip(*parts, strict=True))
+        return LinearEnclosure(values, slopes * units, self._bound_errors(frames.q, radii))
 
-        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] at the middles
-        slid[:, own] += np.where(robot.sliding[own], radii * units, 0.0)  # largest within the boxes
+    def _bound_errors(self, q: Array, radii: Array) -> Array:
+        """Bound the second-order terms and the rounding (B, m) in boxes of radii (B, n) about q (B, nq)."""
+        robot = self.robot
+        own = self.own
+        slid = np.abs(self.slide_lengths(q))  # (B, nv) [m] at the middles
+        slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)  # in the boxes
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         pairs = zip(self.chain_of, self.kinds, strict=True)
-        errors = np.reshape([getattr(bounds[chain], kind) for chain, kind in pairs], values.T.shape).T
+        terms = [getattr(bounds[chain], kind) for chain, kind in pairs]
+        errors = np.reshape(terms, (len(self.kinds), len(q))).T
         errors[:, : len(self.loops)] *= np.abs(robot.rows.derivative_weight[self.loops])
         longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain, if any
-        rounding = FRAME_ROUNDING * (1.0 + np.reshape(longest, (-1, 1)))
-        return LinearEnclosure(values, slopes * units, errors + rounding)
+        return errors + FRAME_ROUNDING * (1.0 + np.reshape(longest, (-1, 1)))
 
     def _linearise_loops(self, frames: FrameStack) -> tuple[Array, Array]:
         """Compute the residuals of the loop equations (B, loops), and slopes (B, loops, n)."""

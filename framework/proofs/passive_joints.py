@@ -65,9 +65,10 @@ def find_joints_at_poses(
 
 
 def attitude_equations(frames: FrameStack, targets: Array) -> tuple[Array, Array]:
-    """Compute the axes of the platform's frame less those of targets (.., 3, 3): (T, 9), slopes (T, 9, nv).
+    """Compute offsets (T, 9) of the platform frame's axes from the targets', and slopes (T, 9, nv).
 
-    The derivative of an axis e along a joint that turns about w_j is w_j x e.
+    The targets are rotations, (3, 3) or (T, 3, 3). The derivative of an axis e along a joint that turns about
+    w_j is w_j x e.
     """
     axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
     turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
@@ -150,9 +151,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
 
     With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
-    loops (and the platform). Their second derivatives are bounded by the length L of all links in one line:
-    no joint turns a frame at a larger distance, and an equation is a product of two vectors that turn. Each
-    such product has second derivatives of at most 4 L^2 for L >= 1.
+    loops (and the platform).
     """
     linearised = linearised_at(robot, q[None], None)
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
@@ -163,19 +162,28 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     _, k, joints = J.shape
     if k != joints:
         return False
-    max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
-    row_size = robot.structure.row_sizes.min(initial=1.0)
-    rounding = FRAME_ROUNDING * max_length / row_size  # of a value or a slope
-    units = np.where(robot.loops.square, robot.length, 1.0)
-    max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = (2 * max_length) ** 2 * max_weight / row_size
-
+    rounding, second_derivative = _bound_equations(robot, q)
     inverse_size = np.abs(approximate_inverses(J))
     radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
     slope_changes = np.full_like(J, second_derivative * k * radius + rounding)
     equations = LinearEnclosure(values, J, np.full_like(values, rounding))
     proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
     return bool(proof.proved[0])
+
+
+def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
+    """Bound the rounding and the second derivatives of dimensionless loop equations near q (nq,).
+
+    The bounds follow from the length L of all links in one line: no joint turns a frame at a larger distance,
+    and an equation is a product of two vectors that turn. Each such product has second derivatives of at most
+    4 L^2 for L >= 1.
+    """
+    max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
+    row_size = robot.structure.row_sizes.min(initial=1.0)
+    units = np.where(robot.loops.square, robot.length, 1.0)
+    max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
+    second_derivative = (2 * max_length) ** 2 * max_weight / row_size
+    return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
 def distinct_rows(joints: Array) -> list[int]:

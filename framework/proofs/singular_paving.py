@@ -251,12 +251,19 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     slope_changes = _bilinear_form(psi_size, dP_change, eta_size)
     slope_changes += _bilinear_form(psi_size, dP_size, eta_error)
     slope_changes += _bilinear_form(psi_error, dP_size + dP_change, eta_size)
-    g = LinearEnclosure(right.z[:, -1:], -_bilinear_form(psi, dP, eta), right.last_error[:, None])
-    return MeasureEnclosure(right.valid & left.valid, g, ROUND_UP * slope_changes)
+    return MeasureEnclosure(
+        valid=right.valid & left.valid,
+        at_middle=LinearEnclosure(
+            values=right.z[:, -1:],
+            slopes=-_bilinear_form(psi, dP, eta),
+            errors=right.last_error[:, None],
+        ),
+        slope_changes=ROUND_UP * slope_changes,
+    )
 
 
 def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
-    """Compute left' M_l right (S, 1, k) for vectors (S, s) and the k matrices M_l in (S, s, s, k)."""
+    """Compute left' M_l right (S, 1, k) of vectors (S, s) for k matrices M_l, in (S, s, s, k)."""
     return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)[:, None]
 
 
