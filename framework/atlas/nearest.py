@@ -393,8 +393,8 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     random = np.random.default_rng(0)
     q = np.tile(robot.reference.q, (WALKS, 1))
     x = np.tile(robot.reference.x, (WALKS, 1))
-    samples_q = [q.copy()]
-    samples_x = [x.copy()]
+    samples_q = [q]
+    samples_x = [x]
     direction = np.zeros_like(x)
     accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
     for _ in range(WALK_STEPS):
@@ -406,8 +406,8 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
         step = step_poses(robot, q, x, target)
         beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)
         accepted = (step.reason == PoseReason.REACHED) & ~beyond
-        q[accepted] = step.q[accepted]
-        x[accepted] = target[accepted]
-        samples_q.append(q.copy())
-        samples_x.append(x.copy())
+        q = np.where(accepted[:, None], step.q, q)
+        x = np.where(accepted[:, None], target, x)
+        samples_q.append(q)
+        samples_x.append(x)
     return np.concatenate(samples_q), np.concatenate(samples_x)

@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.pose_stack import follow_motors
+from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -87,11 +88,9 @@ def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint
     The direction leads from the cusp to the midpoint between the points of the curve on both arms next to the
     cusp.
     """
-    scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0  # balls have no scale per nq
-    distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
+    distance = np.linalg.norm(difference(robot, cusp.q, curve.q) / robot.column_scale, axis=1)
     nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # an inner point of the curve
-    offset = curve.motors[nearest] - cusp.motors
-    turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)  # angles may differ by whole turns
+    turns = whole_turns(curve.motors[nearest] - cusp.motors)  # by which the curve's angles may be off
     midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
     return midpoint - (cusp.motors + turns)
 

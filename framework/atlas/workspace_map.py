@@ -255,14 +255,20 @@ def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     return bands
 
 
+def _empty_values(quantities: tuple[Quantity, ...]) -> dict[str, np.generic]:
+    """Return the values of a pose that is not reached, by the name of the array, with their types."""
+    values: dict[str, np.generic] = {"assembly": np.int8(0)}
+    values |= {quantity.key: np.float64(np.nan) for quantity in quantities}
+    if has_loaded(quantities):
+        values["load"] = np.uint8(0)
+    return values
+
+
 def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
     """Return the types and shapes of a filled band's arrays, by name."""
     shape = (band.stop - band.first, band.q.shape[1])
-    kinds = {"reason": "u", "assembly": "i"} | {quantity.key: "f" for quantity in quantities}
-    if has_loaded(quantities):
-        kinds["load"] = "u"
-    fields = {key: ArrayField(kind, shape) for key, kind in kinds.items()}
-    return fields | {"q": ArrayField("f", (*shape, band.q.shape[2]))}
+    fields = {key: ArrayField(value.dtype.kind, shape) for key, value in _empty_values(quantities).items()}
+    return fields | {"reason": ArrayField("u", shape), "q": ArrayField("f", (*shape, band.q.shape[2]))}
 
 
 def _evaluate_poses(
@@ -270,16 +276,13 @@ def _evaluate_poses(
 ) -> dict[str, NDArray]:
     """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name."""
     reached = reason == PoseReason.REACHED
-    assembly = np.zeros(reason.shape, dtype=np.int8)
-    arrays: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": assembly}
-    arrays |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
-    if has_loaded(quantities):
-        arrays["load"] = np.zeros(reason.shape, dtype=np.uint8)
+    arrays: dict[str, NDArray] = {"q": q, "reason": reason}
+    arrays |= {key: np.full(reason.shape, value) for key, value in _empty_values(quantities).items()}
     if reached.any():
         linearised = linearised_at(robot, q[reached], None)
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
-        _, assembly[reached] = mode_signs(robot, linearised)
+        _, arrays["assembly"][reached] = mode_signs(robot, linearised)
     return arrays
 
 

@@ -147,16 +147,15 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
         errors: (S, s, s) bounds on the change of the entries of P within a box.
         rounding: bound on the error of the entries of P as computed at the middle.
     """
-    S, s = P.shape[:2]
     U, _, V_rows = np.linalg.svd(P)
     b = U[:, :, -1:]  # (S, s, 1)
     c_row = V_rows[:, -1:]  # (S, 1, s)
-    M = np.block([[P, b], [c_row, np.zeros((S, 1, 1))]])
+    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])
     X = approximate_inverses(M)
-    M_errors = np.zeros_like(M)
-    M_errors[:, :s, :s] = errors + rounding
-    M_t, X_t, errors_t = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
-    return _enclose_last_column(M, X, M_errors, rounding), _enclose_last_column(M_t, X_t, errors_t, rounding)
+    M_errors = np.pad(errors + rounding, ((0, 0), (0, 1), (0, 1)))  # the border is exact
+    transposes = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
+    right = _enclose_last_column(M, X, M_errors, rounding)
+    return right, _enclose_last_column(*transposes, rounding)
 
 
 def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -> LastColumns:
