@@ -191,12 +191,12 @@ def _spread_directions(n: int) -> Array:
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
-        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.column_stack([np.cos(angle), np.sin(angle)])
     if n == 3:
         z = 1 - (2 * k + 1) / count
         angle = np.pi * (1 + np.sqrt(5)) * k
         radius = np.sqrt(1 - z**2)
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     return np.concatenate([np.eye(n), -np.eye(n), random])
@@ -312,7 +312,7 @@ def _find_foot(centre: _Centre, pose: _Pose) -> _Pose | None:
         if not square > 0:
             return None
         step = a * (a @ z - g) / square - z
-        distance = np.linalg.norm(step)
+        distance = float(np.linalg.norm(step))
         if distance < NEWTON_STEP:
             return _Pose(q, z) if abs(g) < RANK_LOST else None
 

@@ -63,7 +63,7 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
     # the circle starts between the arms of the locus
     angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
-    unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (T, 2)
+    unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])  # (T, 2)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)
         motors[:, free] += radius * scale * unit_circle

@@ -105,8 +105,8 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
     """
     loops = robot.loops
     number = robot.n + row
-    first = int(loops.first[row])
-    second = int(loops.second[row])
+    first = loops.first[row]
+    second = loops.second[row]
     if base_axis is not None:
         yield Term(number, (BASE, second), "point", base_axis)
         yield Term(number, (BASE, first), "point", base_axis, factor=-1.0)
@@ -114,8 +114,8 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
     kind = "square" if loops.square[row] else "point"
     if loops.rotation[row]:
         kind = "direction"
-    axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-    yield Term(number, (first, second), kind, *axes, float(loops.weight[row]))
+    axes = loops.first_axis[row], loops.second_axis[row]
+    yield Term(number, (first, second), kind, *axes, loops.weight[row])
 
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:

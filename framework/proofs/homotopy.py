@@ -48,10 +48,8 @@ MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
-MAX_SIZE = 1e7  # of z in its chart; a path with a larger z counts as lost
 MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
-MAX_EXPONENT_SPREAD = 0.1  # difference of exponents that count as equal, relative to the largest
 ENDGAME_SEGMENT_RATIO = 0.25
 ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
 AGREEING_EXPONENTS = 3  # exponents of successive segments that must agree to decide how a path ends
@@ -181,12 +179,12 @@ def _count_paths(
     is_infinite = ends.infinite[ends.arrived] & ~proved
     is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
-    never_arrived = ends.last[ends.infinite & ~ends.arrived]
+    never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
     return PathCount(
         paths=len(ends.z),
         finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
-        infinite=int(np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))),
-        multiple=int(np.sum(ends.multiple) + np.sum(is_new & is_multiple)),
+        infinite=int(np.sum(is_new & is_infinite) + np.sum(never_arrived)),
+        multiple=int(np.sum(is_new & is_multiple) + np.sum(ends.multiple)),
     )
 
 
@@ -264,7 +262,7 @@ def track_paths(
 
     Each path has its own t from 0 to 1 and its own step. A step is good if its correction is small. The step
     is doubled after several good ones, and halved after any other, which is not taken. A path is lost if its
-    step becomes too short or z too large for the chart.
+    step becomes too short.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
@@ -286,8 +284,7 @@ def track_paths(
         good_steps[live[grows]] = 0
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
-        is_lost = (step[live] < MIN_STEP) | ~(np.linalg.norm(z[live], axis=1) < MAX_SIZE)
-        live = live[~is_lost & (t[live] < 1.0)]
+        live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
     return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
@@ -303,11 +300,10 @@ def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArra
 class PathEnds(NamedTuple):
     """The ends of all S paths to one system."""
 
-    z: ComplexArray  # (S, N) solution, if the path has arrived
+    z: ComplexArray  # (S, N) solution, if the path has arrived; else the last point that was tracked
     arrived: BoolArray  # (S,)
     infinite: BoolArray  # (S,) the path grows like a path to infinity
     multiple: BoolArray  # (S,) the path did not arrive, and ends at a finite multiple solution
-    last: ComplexArray  # (S, N) last point that the endgame tracked; it distinguishes paths with equal ends
 
 
 def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> PathEnds:
@@ -327,9 +323,10 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
 
     is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
     infinite, multiple = np.zeros((2, len(z)), dtype=bool)
+    ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
     last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
-    ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple, last=last)
-    _run_endgame(group, start, target, ends, is_doubtful, rng)
+    _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
+    ends.z[~ends.arrived] = last[~ends.arrived]
     return ends
 
 
@@ -345,9 +342,9 @@ def displacement_sizes(group: Displacements, z: ComplexArray) -> Array:
 
 def _run_endgame(
     group: Displacements,
-    start: ComplexArray,
-    target: ComplexArray,
+    line: tuple[ComplexArray, ComplexArray],
     ends: PathEnds,
+    last: ComplexArray,
     live: BoolArray,
     rng: np.random.Generator,
 ) -> None:
@@ -359,20 +356,22 @@ def _run_endgame(
     it, unless it has arrived before.
 
     Args:
-        start, target: coefficients (K, M) at the ends of the line.
-        ends: of all S paths; `last` holds the start points of the live ones.
+        line: coefficients (K, M) of the start system and of the target system.
+        ends: of all S paths.
+        last: (S, N) points of the paths, at the start of the line if live; the last points on return.
         live: (S,) paths to classify; becomes False where a path is classified or lost.
     """
-    log_sizes = [np.log(displacement_sizes(group, ends.last))]
+    start, target = line
     segment_start = start
+    log_sizes = [np.log(displacement_sizes(group, last))]
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         if not live.any():
             break
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        tracked = track_paths(group, segment_start, segment_end, ends.last[live], rng)
-        ends.last[live] = tracked.z
+        tracked = track_paths(group, segment_start, segment_end, last[live], rng)
+        last[live] = tracked.z
         live[live] = tracked.arrived
-        log_sizes.append(np.log(displacement_sizes(group, ends.last)))
+        log_sizes.append(np.log(displacement_sizes(group, last)))
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
@@ -385,14 +384,14 @@ def _run_endgame(
         ends.infinite[is_infinite] = True
 
         is_open = is_finite & ~ends.arrived
-        last_stretch = track_paths(group, segment_end, target, ends.last[is_open], rng)
+        last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
         ends.z[is_open], ends.arrived[is_open] = last_stretch
         ends.multiple[is_open] = ~last_stretch.arrived
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
     """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
-    agree = np.ptp(w, axis=0) < MAX_EXPONENT_SPREAD * w.max(axis=0)
+    agree = np.ptp(w, axis=0) < ENDGAME_MIN_EXPONENT
     is_large = log_size > np.log(MIN_INFINITE_SIZE)
     return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
 

@@ -21,8 +21,8 @@ from framework.proofs.rounding import (
     identity_defect,
 )
 
-MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 MAX_CONTRACTION = 0.99  # norm of 1 - X M; with a larger one M may be singular
+MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 
 
 class LinearEnclosure(NamedTuple):
@@ -153,9 +153,9 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])
     X = approximate_inverses(M)
     M_errors = np.pad(errors + rounding, ((0, 0), (0, 1), (0, 1)))  # the border is exact
-    transposes = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
     right = _enclose_last_column(M, X, M_errors, rounding)
-    return right, _enclose_last_column(*transposes, rounding)
+    left = _enclose_last_column(M.swapaxes(1, 2), X.swapaxes(1, 2), M_errors.swapaxes(1, 2), rounding)
+    return right, left
 
 
 def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -> LastColumns:

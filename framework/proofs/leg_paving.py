@@ -199,7 +199,7 @@ class LegEquations:
 
         moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv) a joint carries one frame
         loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
-        ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
+        ends = np.column_stack([rows.first[loops], rows.second[loops]])
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
         kinds = np.select(

@@ -38,6 +38,7 @@ from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Re
 from framework.proofs.equation_terms import list_unbounded_joints
 from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
 from framework.proofs.rounding import (
+    REACH_MARGIN,
     ROUND_UP,
     WIDENING_RATIO,
     approximate_inverses,
@@ -51,7 +52,9 @@ MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
-MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
+MAX_TURN = (
+    np.pi / 2 / REACH_MARGIN
+)  # [rad] of a ball: beyond a right angle the sine does not determine the angle
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
 PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
@@ -117,7 +120,7 @@ class _Cubes(NamedTuple):
     @property
     def widths(self) -> Array:
         """Widths (S, 1) of the cubes."""
-        return 0.5 ** self.level[:, None]
+        return np.ldexp(1.0, -self.level[:, None])
 
     def middles(self) -> Array:
         """Compute the middles (S, n) of cubes, relative to the pose."""
@@ -280,7 +283,7 @@ class CellTest(NamedTuple):
         boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, dual_norm))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, dual_norm)
         P = dF[:, robot.n :, robot.n_a :]
-        signs = np.stack([np.linalg.slogdet(block).sign for block in (dF, P)], axis=1)
+        signs = np.column_stack([np.linalg.slogdet(block).sign for block in (dF, P)])
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
 
 

@@ -32,7 +32,7 @@ from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 ComplexArray = NDArray[np.complex128]
 
 # indices of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0 and the vectors of x and y in z
-_ONE, _SQUARE = 0, 1
+_ONE, _SQUARE = np.arange(2)
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
 _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
 
@@ -203,7 +203,7 @@ class Displacements:
         shares = np.abs(multiples / largest)
         if not shares.any():
             return coefficients, errors
-        k = int(np.argmax(shares))
+        k = np.argmax(shares)
         pivot = coefficients[k] / multiples[k]
         rows = coefficients - multiples * pivot
         errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
