@@ -19,9 +19,9 @@ numerically complete       as many paths as the bound end at solutions that are 
 at least                   some paths are lost or end at multiple solutions, or no bound is known
 architecturally singular   the conditions depend on one another in every pose: no pose is isolated
 
-If the legs give too few conditions, Newton's method searches closed poses from many starts, and the
-theorem of Newton and Kantorovich proves each. If only few joints follow the motors, paving these joints
-(`leg_paving`) proves that there are no other poses; otherwise the number found is a lower bound.
+If the legs give too few conditions, Newton's method searches closed poses from many starts, and Krawczyk's
+test proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that there
+are no other poses; otherwise the number found is a lower bound.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ MAX_LEGS = 32  # a robot with more chains from the base to the platform has no c
 class AssemblyMode(ReadOnlyArrays):
     """A pose of the robot at the given motor joints."""
 
-    q: Array  # (nq,)
-    x: Array  # (n,)
+    q: Array  # (nq,) configuration
+    x: Array  # (n,) platform coordinates, angles within half a turn of the reference
     proved: bool  # to exist, and to be the only pose in a neighbourhood
 
 
@@ -86,8 +86,8 @@ class AssemblyModes:
     modes: tuple[AssemblyMode, ...]
     status: Status  # in which sense the modes found are all
     bound: int | None  # on the number of isolated complex solutions, if known
-    count: PathCount | None  # None without a homotopy
-    method: str
+    count: PathCount | None  # how the paths of the homotopy end; None without one
+    method: str  # clause with the method and its effort
 
     @property
     def complete(self) -> bool:
@@ -124,7 +124,9 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
     reference = robot.reference.q[None]
-    q = integrate_columns(robot, reference, robot.actuated, target - robot.actuated_coordinates(reference))
+    motor_step = target - robot.actuated_coordinates(reference)
+    q = integrate_columns(robot, reference, robot.actuated, motor_step)  # (1, nq) loops open
+
     conditions = find_leg_conditions(robot, q[0])
     if conditions is None:
         return _search_modes(robot, q)
@@ -134,24 +136,26 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
 def _modes_at_displacements(
     robot: ParallelRobot, q: Array, group: Displacements, solutions: RealSolutions
 ) -> AssemblyModes:
-    """Find the modes at the platform displacements that solve the leg conditions.
+    """Find the modes at the platform displacements of a group that solve the leg conditions.
 
     The motors stay as in q (1, nq). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
     rotation is left free.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
-    position = reference_frames.position[0, 0]
-    rotation = reference_frames.rotation[0, 0]
-    p = solutions.p * robot.length
+    position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0
+    rotation = reference_frames.rotation[0, 0]  # (3, 3)
+    positions = solutions.R @ position + solutions.p * robot.length
     rotations = None if group.only_translates else solutions.R @ rotation
-    poses = find_joints_at_poses(robot, q, solutions.R @ position + p, rotations)
+    poses = find_joints_at_poses(robot, q, positions, rotations)
+
     modes = list[AssemblyMode]()
     for pose, proved in zip(poses, solutions.proved, strict=True):
         if pose is not None:
             x = _platform_coordinates(robot, frames_at(robot, pose[None]))
             modes.append(AssemblyMode(pose, x, bool(proved)))
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
+
     # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
     # may differ from the loops, and these modes are not proved to be all.
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
@@ -165,10 +169,12 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, with the motors as in q (1, nq)."""
-    poses, closed = close_all_loops(
-        robot, draw_starts(robot, q, robot.passive, RANDOM_STARTS), robot.following
-    )
+    """Search modes by Newton's method from random starts, with the motors as in q (1, nq).
+
+    A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
+    """
+    starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
+    poses, closed = close_all_loops(robot, starts, robot.following)
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:
@@ -263,24 +269,31 @@ def _null_space(table: Array) -> tuple[Array, float]:
 
 
 def _displacement_group(robot: ParallelRobot) -> Displacements | None:
-    """Choose the group of the platform's displacements; None without a known family."""
+    """Choose the group of the platform's displacements; None if `study_quadric` has none.
+
+    A planar robot has to move normal to a base axis, with both translations in the plane.
+    """
     if not len(robot.following) or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:
         axis = planar_axis(robot)
-        along = robot.platform.along.tolist()
+        along = robot.platform.along.tolist()  # base axes of the translations
         if axis is None or axis in along or len(along) != 2:
             return None
         if robot.n == 2:
             return translation_displacements(tuple(sorted(along)))
         return planar_displacements(axis) if robot.n == 3 else None
+
     if robot.n == 3 and not robot.translations.any():
         return spherical_displacements()
     return spatial_displacements() if robot.translations.any() else None
 
 
 def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
-    """Yield all chains from the base to the platform's body that visit no body twice."""
+    """Yield all chains from the base to the platform's body that visit no body twice.
+
+    Bodies have the numbers of the joints of the tree that carry them; the base is body 0.
+    """
     model = robot.model
     forward = [_Edge(model.parents[joint], joint, joint, None, True) for joint in range(1, model.njoints)]
     for closure in robot.description.closures:
@@ -291,7 +304,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
         edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]
 
     platform = model.frames[robot.frames[0]].parentJoint
-    pending: list[list[_Edge]] = [[]]  # chains that begin at the base, body 0
+    pending: list[list[_Edge]] = [[]]  # chains that begin at the base
     while pending:
         chain = pending.pop(0)
         bodies = [0, *(edge.end for edge in chain)]
@@ -314,12 +327,12 @@ def _motions_are_group(closure: Closure | None) -> bool:
 
 
 class _Sampler(NamedTuple):
-    """Draws random poses of chains."""
+    """Draws random poses of chains of joints and closures."""
 
     robot: ParallelRobot
     placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
-    normal: Array | None  # (3,) of a planar robot, base axes
-    data: pin.Data  # at the reference
+    normal: Array | None  # (3,) of a planar robot, base axes; else None
+    data: pin.Data  # frames at the reference
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array) -> _Sampler:
@@ -338,7 +351,9 @@ class _Sampler(NamedTuple):
     def sample_displacements(self, chain: list[_Edge], only_translates: bool) -> tuple[Array, Array]:
         """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain.
 
-        If the platform `only_translates`, p is the translation of its frame's origin.
+        The poses along the chain are multiplied, from the base to the platform. Joints are placed as drawn
+        before, closures are drawn now. If the platform `only_translates`, p is the translation of its frame's
+        origin.
         """
         rng = np.random.default_rng(1)
         platform = self.robot.frames[0]
@@ -364,15 +379,16 @@ class _Sampler(NamedTuple):
 
         Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
         closure with a length keeps the length. In a planar robot a closure with three free rotations turns
-        about the normal alone.
+        about the normal alone, away from its attitude at the reference.
         """
         ends = [self.robot.model.getFrameId(name) for name in closure.frames]
         placements = [self.robot.model.frames[k].placement for k in ends]
         locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
         distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
-        offset = rng.uniform(-1, 1, 3) * self.robot.length
+        offset = rng.uniform(-1, 1, 3) * self.robot.length  # between the frames' origins, in the first frame
         offset[locked_shifts] = 0.0
         turn = rng.uniform(-np.pi, np.pi, 3)  # rotation vector, in the first frame
+
         if self.normal is None or locked_turns.any():
             turn[locked_turns] = 0.0
             rotation = pin.exp3(turn)
@@ -380,8 +396,9 @@ class _Sampler(NamedTuple):
             R_a, R_b = (self.data.oMf[k].rotation for k in ends)
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
-                offset -= normal * (normal @ offset)
+                offset -= normal * (normal @ offset)  # stays in the plane
             rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
+
         for distance in distances:
             assert closure.length is not None
             offset = distance.satisfy(offset, closure.length)

@@ -15,6 +15,9 @@ lost.
 Krawczyk's test encloses the ends of all paths that arrive: each enclosure holds exactly one solution, for all
 coefficients within their rounding. The solution is real if the middle of the enclosure is real, and not real
 if the enclosure contains no real point. While paths are lost, the system is solved again along other paths.
+
+Letters as in `study_quadric`: a system has K equations with coefficients (K, M) of M members, and N
+homogeneous coordinates z. S counts paths. A chart fixes the scale of z by chart . z = 1.
 """
 
 from __future__ import annotations
@@ -63,7 +66,7 @@ class PathCount:
 
     paths: int
     finite: int  # at single solutions that are apart
-    infinite: int
+    infinite: int  # at infinity, or growing like such paths
     multiple: int  # at finite multiple solutions
 
     @property
@@ -110,6 +113,7 @@ def find_real_solutions(
         R, p = group.to_displacements(np.zeros((0, group.size)))
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
+
     rows, slack = group.eliminate_square(coefficients, rounding)
     attempts = list[RealSolutions]()
     for seed in range(1, MAX_ATTEMPTS + 1):
@@ -139,6 +143,8 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     ends = find_path_ends(group, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
     z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+
+    # the middle of an enclosure must be real for its solution to be proved real
     norms = np.linalg.norm(z, axis=1)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
@@ -167,9 +173,11 @@ def _count_paths(
 ) -> PathCount:
     """Count the paths by their ends; paths with the same end count once.
 
-    A proved end is at infinity unless its enclosure provably holds no point at infinity.
+    A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without a
+    proof is infinite if the endgame says so, and multiple if it is real.
 
     Args:
+        ends: of all paths, arrived or not.
         z: (S, N) the ends of the paths that arrived.
         is_real: (S,) whether an end is real.
         is_new: (S,) whether an end differs from all earlier ones.
@@ -189,11 +197,11 @@ def _count_paths(
 
 
 def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
-    """Return whether polydiscs about z (S, N) provably hold no point at infinity, (S,).
+    """Return whether polydiscs of `radii` about z (S, N) provably hold no point at infinity, (S,).
 
-    At infinity z' A z = 0, with the `quadric` A (N, N). Within radii r (S, N) the value z' A z changes by at
-    most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the rounding,
-    the polydisc holds no point at infinity.
+    At infinity z' A z = 0, with the real `quadric` A (N, N). Within radii r (S, N) the value z' A z changes
+    by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
+    rounding, the polydisc holds no point at infinity.
     """
     slopes = z @ quadric
     value = np.abs(np.sum(slopes * z, axis=1))
@@ -208,7 +216,7 @@ def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> Bo
 
 
 class StartSystem(NamedTuple):
-    """A random system of a group, and its solutions."""
+    """A random system of linear conditions on a group, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
     z: ComplexArray  # (bound, N), or fewer if monodromy missed some
@@ -228,7 +236,8 @@ def solve_start_system(group: Displacements) -> StartSystem:
     system = group.random_coefficients(rng)
     system -= np.outer(system @ members, members.conj()) / np.vdot(members, members)
     system /= np.linalg.norm(system, axis=1, keepdims=True)
-    solutions = z[None] / np.linalg.norm(z)
+
+    solutions = z[None]
     for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
@@ -249,10 +258,10 @@ def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> Comp
 
 
 class TrackedPaths(NamedTuple):
-    """The ends of S tracked paths."""
+    """The last points of S tracked paths."""
 
-    z: ComplexArray  # (S, N) unit points
-    arrived: BoolArray  # (S,)
+    z: ComplexArray  # (S, N) of unit norm
+    arrived: BoolArray  # (S,) whether the path has reached the end of its line
 
 
 def track_paths(
@@ -260,9 +269,9 @@ def track_paths(
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    Each path has its own t from 0 to 1 and its own step. A step is good if its correction is small. The step
-    is doubled after several good ones, and halved after any other, which is not taken. A path is lost if its
-    step becomes too short.
+    The chart is random. Each path has its own t from 0 to 1 and its own step. A step is good if its
+    correction is small. The step is doubled after several good ones, and halved after any other, which is not
+    taken. A path is lost if its step becomes too short.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
@@ -273,7 +282,7 @@ def track_paths(
     good_steps = np.zeros(len(z), dtype=int)
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
-        h = np.minimum(step[live], 1.0 - t[live])
+        h = np.minimum(step[live], 1.0 - t[live])  # not beyond t = 1
         ahead, correction = homotopy.advance(z[live], t[live], h)
         is_good = correction < NEWTON_STEP
         z[live[is_good]] = ahead[is_good]
@@ -312,7 +321,7 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
     The endgame decides the ends of paths that do not arrive or that end far away.
 
     Args:
-        coefficients: (K, M) of the K quadrics of the target system, in M monomials.
+        coefficients: (K, M) of the target system.
         seed: of the random phases of the start system, on which the paths depend.
     """
     rng = np.random.default_rng(seed)
@@ -333,7 +342,8 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
 def displacement_sizes(group: Displacements, z: ComplexArray) -> Array:
     """Compute the sizes (S,) of displacements z (S, N), infinite at infinity.
 
-    The size is the norm of all members of the family at z, divided by the modulus of the first member.
+    The size is the norm of all members of the group at z, divided by the modulus of the first member, which
+    is zero only at infinity.
     """
     values = group.values(z)
     with np.errstate(divide="ignore"):
@@ -390,18 +400,18 @@ def _run_endgame(
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
-    """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
+    """Return whether the exponents w (A, S) of A segments are positive, agree, and sizes are large, (S,)."""
     agree = np.ptp(w, axis=0) < ENDGAME_MIN_EXPONENT
     is_large = log_size > np.log(MIN_INFINITE_SIZE)
     return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0, t from 0 to 1, in the chart."""
+    """The equations z' (start + t change) z = 0 and chart . z = 1, t from 0 to 1."""
 
-    start: ComplexArray  # (N - 1, N, N)
-    change: ComplexArray  # (N - 1, N, N)
-    chart: ComplexArray  # (N,) chart . z = 1
+    start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
+    change: ComplexArray  # (N - 1, N, N) from t = 0 to t = 1
+    chart: ComplexArray  # (N,)
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); the chart row is last."""
@@ -415,13 +425,13 @@ class _LinearHomotopy(NamedTuple):
         chart . dz/dt = 0.
         """
         right = np.zeros_like(z)
-        right[:, :-1] = -0.5 * np.einsum("ski,si->sk", matrix_products(self.change, z), z)
+        right[:, :-1] = -0.5 * np.matvec(matrix_products(self.change, z), z)
         return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N), of least norm where the Jacobian is singular."""
         half_jacobian = self.half_jacobian(z, t)
-        half_values = 0.5 * np.einsum("ski,si->sk", half_jacobian, z)
+        half_values = 0.5 * np.matvec(half_jacobian, z)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
@@ -429,7 +439,7 @@ class _LinearHomotopy(NamedTuple):
         """Advance z (S, N) from t to t + h, each (S,); return z and relative corrections (S,).
 
         The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method. The
-        correction returned is that of the last Newton step, relative to |z|.
+        correction returned is the size of the last Newton step, relative to |z|.
         """
         H = h[:, None]  # (S, 1) multiplies vectors
         k1 = self.rate(z, t)
@@ -437,6 +447,7 @@ class _LinearHomotopy(NamedTuple):
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)
         k4 = self.rate(z + H * k3, t + h)
         ahead = z + H / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
         for _ in range(NEWTON_STEPS):
             correction = self.newton_step(ahead, t + h)
             ahead = ahead + correction

@@ -1,7 +1,7 @@
 """Interval Newton steps for stacks of boxes: linear equations with errors, and bordered systems.
 
-A box has a middle and radii; a `LinearEnclosure` encloses equations in boxes. `contract` narrows boxes by
-linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
+A box has a middle and radii; a `LinearEnclosure` encloses m equations in S boxes of k unknowns. `contract`
+narrows boxes by linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
 5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity. `krawczyk` proves the
 existence of solutions. All rounding errors are bounded, see `rounding`.
 """
@@ -51,7 +51,7 @@ class Contracted(NamedTuple):
     """The parts of S boxes that may hold solutions, as offsets from the middles."""
 
     lower: Array  # (S, k)
-    upper: Array  # (S, k) less than `lower` where a box provably holds no solution
+    upper: Array  # (S, k) less than `lower` in some coordinate if the box provably holds no solution
 
     @property
     def empty(self) -> BoolArray:
@@ -69,16 +69,21 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
         |d_j + values_i / slopes_ij| <= (sum over l != j of |slopes_il| r_l + errors_i) / |slopes_ij|.
     """
     values, slopes, errors = equations.concatenate(equations.combine(mixers, radii))
+
+    # the largest terms slopes_ij d_j, and their sums without the term of the unknown itself
     terms = np.abs(slopes) * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)  # (S, m + p)
     others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) the errors and all terms but j
     is_useful = terms > MIN_TERM_RATIO * totals[:, :, None]
+
+    # each equation bounds each unknown; the intersection of all intervals remains
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
         rounding = 8 * UNIT_ROUNDOFF * np.abs(root)
         half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
     lower = np.maximum((root - half_width).max(axis=1), -radii)
     upper = np.minimum((root + half_width).min(axis=1), radii)
+
     is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)  # an equation is zero nowhere in the box
     lower[is_impossible] = 1.0  # lower > upper marks an empty box
     upper[is_impossible] = -1.0
@@ -88,8 +93,8 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     """Invert m independent columns of slopes (S, m, k), m <= k; return mixers (S, m, m).
 
-    The columns are those with the largest terms in the box, chosen by Gaussian elimination with complete
-    pivoting.
+    The columns are those with the largest terms slopes * radii in the box, chosen by Gaussian elimination
+    with complete pivoting.
     """
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
@@ -108,7 +113,7 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
 
 
 def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
-    """Compute mixers (S, k + m, m), m >= k, for slopes that may lose rank.
+    """Compute mixers (S, k + m, m), m >= k, from slopes (S, m, k) that may lose rank.
 
     Divided by the errors and multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are
     the damped inverse V diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses
@@ -124,7 +129,7 @@ def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
 
 
 class LastColumns(NamedTuple):
-    """Enclosed solutions z of M z = e, e the last unit vector, for S interval matrices."""
+    """Enclosed solutions z of M z = e, with the last unit vector e, for S interval matrices M (k, k)."""
 
     valid: BoolArray  # (S,) whether all matrices of the interval are regular
     z: Array  # (S, k) approximate solution for the middle of the interval

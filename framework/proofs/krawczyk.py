@@ -36,9 +36,9 @@ from framework.proofs.rounding import (
 )
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
-MAX_TESTS = 6  # of a box that is widened until the test holds
+MAX_TESTS = 6  # of a box, which is widened after each test that fails
 MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes
-RANDOM_CHARTS = 200
+RANDOM_CHARTS = 200  # of which the best is taken
 
 
 class NewtonMap(NamedTuple):
@@ -102,9 +102,9 @@ def prove_existence(
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes.
 
-    There are k = m unknowns, or k = m + 1 with a parameter p. The equation of the parameter is d_p = p, so
-    the square J (S, k, k) has the unit row of p below the slopes. The solutions are root + along p + error,
-    where the vector along = Y [0; 1] is the column of p.
+    There are k = m unknowns, or k = m + 1 with a parameter p, which takes all values within its radius. The
+    equation of the parameter is d_p = p, so the square J (S, k, k) has the unit row of p below the slopes.
+    The solutions are root + along p + error, where the vector along = Y [0; 1] is the column of p.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
@@ -113,15 +113,17 @@ def prove_existence(
         parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
+    # J, values and errors of m equations, and of d_p = p at p = 0
     parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.hstack([equations.slopes, parameter_rows])
-    exact = np.zeros((S, k - m))  # value and error of the equation of p
+    exact = np.zeros((S, k - m))
     newton = NewtonMap.of(J, np.hstack([equations.values, exact]))
     value_errors = equations.errors + ROUND_UP * np.matvec(slope_changes, radii)
     errors = newton.errors(np.hstack([value_errors, exact]), radii)
 
-    along = newton.Y[:, :, m:].sum(axis=2)  # (S, k) a sum of no columns, 0, without p
+    # the image of the box
+    along = newton.Y[:, :, m:].sum(axis=2)  # (S, k) the column of p, or 0 without p
     p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
     reach = ROUND_UP * (errors + np.abs(along) * p_radius)  # largest distance from the root
     is_inside = ROUND_UP * (np.abs(newton.root) + reach) < radii  # the image is in the box
@@ -139,7 +141,7 @@ def prove_existence(
 
 
 class Enclosures(NamedTuple):
-    """Polydiscs about S points of the projective space P^(N-1), in a chart."""
+    """Polydiscs about S points of the projective space P^(N-1), in a chart: a disc for each coordinate."""
 
     proved: BoolArray  # (S,) to hold exactly one solution
     radii: Array  # (S, N)
@@ -151,7 +153,7 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
 
     The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N). Their Jacobian (2 Q z, chart)
     changes by at most 2 |Q| r within radii r. The proof holds for every system with coefficients in the
-    discs.
+    discs. Tests begin with twice the image of the point z.
 
     Args:
         quadrics: the middles of the symmetric matrices Q.
@@ -182,7 +184,7 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
 def choose_chart(z: ComplexArray) -> Array:
     """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
 
-    Of RANDOM_CHARTS unit vectors it is the one with the largest minimum of |chart . z| / |z|.
+    Of RANDOM_CHARTS unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.
     """
     charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
@@ -192,7 +194,7 @@ def choose_chart(z: ComplexArray) -> Array:
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
     """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
-    distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
+    distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N), rounded down
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal
     return int(is_apart.sum()) == len(z) * (len(z) - 1)

@@ -31,9 +31,10 @@ from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
 
-# indices of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0 and the vectors of x and y in z
+# indices among the 17 functions of 1, |p|^2, p (3,), R'p (3,) and R (3, 3)
 _ONE, _SQUARE = np.arange(2)
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
+# indices in z of the real part of x and of the vectors (3,) of x and y
 _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
 
 
@@ -58,7 +59,7 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
 
     Points that differ by a complex factor are one point of the projective space.
     """
-    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
+    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)  # (S, S) of the angles between points
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
@@ -111,9 +112,9 @@ class Displacements:
     N homogeneous coordinates z, which are some of those of a dual quaternion.
     """
 
-    name: str
-    members: Array  # (M, N, N) functions of the displacement as quadratic forms of z
-    fixed: Array  # (F, N, N), F = 0 or 1
+    name: str  # in words
+    members: Array  # (M, N, N) functions of the displacement as quadratic forms of z; the first one is 1
+    fixed: Array  # (F, N, N) the Study quadric x . y = 0, or F = 0 where all z satisfy it
     bound: int  # on the number of isolated solutions of any system
     chosen: IntArray  # (M,) indices of the members among the 17 functions
     coordinates: IntArray  # (N,) indices of z among the 8 coordinates of a dual quaternion
@@ -159,8 +160,8 @@ class Displacements:
         """Return whether the equations depend on one another, so that no solution is isolated.
 
         Let f_1 be the first member, which is zero only at infinity, and f_k the combinations of members with
-        coefficients (K, M). The equations are f_k / f_1 and the fixed quadrics. If their gradients have full
-        rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
+        coefficients (K, M). The equations are f_k / f_1 and the fixed quadric. If their gradients have full
+        rank anywhere, they have full rank with probability one at a random point z of the fixed quadric. Two
         points are tried.
         """
         rng = np.random.default_rng(0)
@@ -194,7 +195,7 @@ class Displacements:
 
         Returns:
             Equivalent conditions (K, M), and bounds (K, M) on the errors of their coefficients. The
-            coefficients of |p|^2 are exactly 1 and 0 then.
+            coefficients of |p|^2 become exactly 1 for the pivot and 0 for the others.
         """
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
         errors = np.repeat(rounding * largest, len(self.chosen), axis=1)
@@ -205,10 +206,11 @@ class Displacements:
             return coefficients, errors
         k = np.argmax(shares)
         pivot = coefficients[k] / multiples[k]
+
         rows = coefficients - multiples * pivot
-        errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
         rows[:, square] = 0.0
         rows[k] = pivot
+        errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
         errors[k] = rounding / shares[k]
         errors[:, square] = 0.0
         return rows, errors
@@ -229,8 +231,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     """
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)  # x . y = 0
-    restricted = np.ix_([0], coordinates, coordinates)
-    fixed = study[restricted]
+    fixed = study[np.ix_(np.arange(1), coordinates, coordinates)]
     fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
     members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
     return Displacements(name, members, fixed, bound, chosen, coordinates)
