@@ -27,7 +27,7 @@ K = TypeVar("K")
 class Examined(Generic[Stack, K]):
     """The result of a test: proved, undecided and pending pieces; all others are dropped."""
 
-    proved: K  # together with what the test has proved of the pieces
+    proved: K  # record of the proved pieces and of what the test has proved about them
     undecided: Stack  # too small to be cut
     pending: Stack  # narrowed or cut, to be tested again
 
@@ -36,9 +36,9 @@ class Examined(Generic[Stack, K]):
 class Partition(Generic[Stack, K]):
     """The pieces of a region that were not dropped."""
 
-    proved: list[K]
-    undecided: Stack
-    pending: Stack  # not tested: `max_examined` was reached, or they are no nearer than `limit`
+    proved: list[K]  # one record for each batch
+    undecided: Stack  # too small to be cut
+    pending: Stack  # not tested, because `max_examined` was reached
     limit: float  # distance; all nearer pieces are decided
 
 
@@ -55,6 +55,8 @@ def branch_and_bound(
     Pieces are the rows of a stack of arrays.
 
     Args:
+        test: decides or cuts pieces.
+        region: the first pieces.
         max_examined: number of pieces tested at most; the last batch may exceed it.
         distance: computes the distances (S,) of pieces. If given, the nearest pieces are tested first, and
             pieces no nearer than `limit` or than an undecided piece are not tested. By default the newest
@@ -73,7 +75,7 @@ def branch_and_bound(
         pending = join([result.pending, select(pending, slice(BATCH, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
-        if distance is not None:
+        if distance is not None:  # only pieces nearer than all undecided ones are of interest
             limit = float(distance(result.undecided).min(initial=limit))
             pending = select(pending, distance(pending) < limit)
     if distance is not None:

@@ -56,12 +56,12 @@ class _ChainDerivatives(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DerivativeBounds:
-    """The R equations of a robot in its k `moving` joints, with their scales."""
+    """The R equations of a robot, of platform and loops, in its k `moving` joints, with their scales."""
 
     robot: ParallelRobot
     terms: list[Term]  # of the equations; none for a platform whose coordinates are joints
     chains: dict[Ends, Chain]  # of the terms
-    row_scale: Array  # (R,) 1 over the unit of each equation
+    row_scale: Array  # (R,) reciprocal of the unit of each equation
     column_scale: Array  # (k,) unit of each joint
     rounding: float  # bound on the error of values and derivatives at one configuration, dimensionless
 
@@ -108,6 +108,8 @@ class DerivativeBounds:
         robot = self.robot
         frames = frames_at(robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
+
+        # sum the terms, in m and rad
         scale = self.scale
         values = np.zeros((len(q), len(scale)))
         slopes = np.zeros((len(q), *scale.shape))
@@ -121,6 +123,7 @@ class DerivativeBounds:
             slopes[:, term.row, chain.in_moving] += first
             hessians[:, term.row, chain.in_moving[:, None], chain.in_moving] += second  # all pairs of joints
         values[:, robot.n :] -= robot.loops.constant
+
         hessians *= scale[:, :, None] * self.column_scale
         return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
 
@@ -156,7 +159,7 @@ class Derivatives(NamedTuple):
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
-        hessians = np.abs(self.hessians) + rounding
+        hessians = np.abs(self.hessians) + rounding  # |H|
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
         widening = rounding * (1 + radii.sum(axis=1, keepdims=True))
@@ -235,8 +238,8 @@ def _differentiate_term(
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
-    factor * p . p. The square has the slopes 2 factor p . u_j and the second derivatives
-    2 factor (p . d2p + u_i . u_j).
+    factor * p . p. The chain's derivatives are relative to the first frame, so its axis counts as fixed. The
+    square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -246,6 +249,7 @@ def _differentiate_term(
         axis = np.broadcast_to(np.eye(3)[term.first_axis], vector.shape)
     else:
         axis = frames.rotation[:, term.ends[0], :, term.first_axis]
+
     value = np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
@@ -257,7 +261,7 @@ def _differentiate_term(
 
 
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over boxes of radii (S, L), given the levers at the middles.
+    """Bound the levers (S, L) over boxes of radii (S, L), given the levers (S, L) at the middles.
 
     A joint moves the point by at most radius * lever. The levers of all hinges before it on the chain grow by
     no more than this.

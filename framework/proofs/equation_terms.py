@@ -22,7 +22,7 @@ from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import FILE_ROUNDING
 
-BASE = -1  # in place of a frame
+BASE = -1  # index that stands for the base in place of a frame
 
 
 def list_unbounded_joints(robot: ParallelRobot) -> list[str]:
@@ -53,7 +53,7 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
     return float(link_lengths + slide_lengths) / robot.length
 
 
-Ends = tuple[int, int]  # two frames, as indices into Mechanism.frames; the first may be BASE
+Ends = tuple[int, int]  # first and second frame, as indices into Mechanism.frames; the first may be BASE
 
 
 class Chain(NamedTuple):
@@ -82,11 +82,14 @@ class Term(NamedTuple):
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
-    """Return the terms of all equations; a platform whose coordinates are joints has none."""
+    """Return the terms of all equations; a platform whose coordinates are joints has none.
+
+    The platform's frame has the number 0.
+    """
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
-        for coordinate, axis in enumerate(platform.axes.tolist()):
+        for coordinate, axis in enumerate(platform.axes.tolist()):  # x, y, z; turns about x, y, z
             kind = "point" if robot.translations[coordinate] else "turn"
             terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)
@@ -96,15 +99,15 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 
 
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
-    """Yield the one or two terms of a loop equation.
+    """Yield the one or two terms of loop equation `row`.
 
-    An equation on a base axis has two terms: the origin of the second frame less the origin of the first. Any
-    other equation has one term, along the chain between both frames. It is the product of an axis of the
-    first frame with an axis of the second frame (direction) or with its origin (point), or the squared
+    An equation on a base axis (0..2) has two terms: the origin of the second frame less the origin of the
+    first. Any other equation has one term, along the chain between both frames. It is the product of an axis
+    of the first frame with an axis of the second frame (direction) or with its origin (point), or the squared
     distance between the origins (square).
     """
     loops = robot.loops
-    number = robot.n + row
+    number = robot.n + row  # of the equation; those of the platform come first
     first = loops.first[row]
     second = loops.second[row]
     if base_axis is not None:
@@ -141,16 +144,16 @@ def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[
     """
     supports = robot.model.supports
     bodies = scratch_of(robot).bodies
-    first_chain = [] if first == BASE else list(supports[int(bodies[first])])  # from the base on
+    # joints from the base to each frame; joint 0 is the base
+    first_chain = [] if first == BASE else list(supports[int(bodies[first])])
     second_chain = list(supports[int(bodies[second])])
     carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
-    # joint 0 is the base
     carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
     return carrying_first + carrying_second
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:
-    """Return the base axis (0..2) normal to a planar robot; None for any other."""
+    """Return the base axis (0..2) normal to a planar robot; None without such an axis."""
     normal = planar_normal(robot)
     if normal is None:
         return None
@@ -168,7 +171,7 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
     loops = robot.loops
     normal = planar_axis(robot)
     axes = [k for k in range(3) if k != normal]
-    carried = scratch_of(robot).carried[:, robot.moving]
+    carried = scratch_of(robot).carried[:, robot.moving]  # (frames, k) whether a joint carries a frame
     base_axes: dict[int, int] = {}
     for ends in set(zip(loops.first.tolist(), loops.second.tolist(), strict=True)):
         if carried[list(ends)].all(axis=0).any():  # a joint carries both frames

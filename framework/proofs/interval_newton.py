@@ -1,9 +1,9 @@
 """Interval Newton steps for stacks of boxes: linear equations with errors, and bordered systems.
 
 A box has a middle and radii; a `LinearEnclosure` encloses m equations in S boxes of k unknowns. `contract`
-narrows boxes by linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
-5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity. `krawczyk` proves the
-existence of solutions. All rounding errors are bounded, see `rounding`.
+narrows boxes by linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of
+Equations, 1990, chapter 5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity.
+`krawczyk` proves the existence of solutions. All rounding errors are bounded, see `rounding`.
 """
 
 from __future__ import annotations
@@ -99,16 +99,16 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
     pivots = np.empty((S, m), dtype=np.intp)  # columns
-    each = np.arange(S)  # picks, with row and column (S,), one entry in every box
+    box = np.arange(S)  # box, row and column, (S,) box, pick one entry of every box
     for step in range(m):
         # the largest remaining entry is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)
         pivots[:, step] = column
-        pivot = remaining[each, row, column]
-        multiples = remaining[each, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
-        remaining -= multiples[:, :, None] * remaining[each, row][:, None]
-        remaining[each, row] = 0.0
-        remaining[each, :, column] = 0.0
+        pivot = remaining[box, row, column]
+        multiples = remaining[box, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
+        remaining -= multiples[:, :, None] * remaining[box, row][:, None]
+        remaining[box, row] = 0.0
+        remaining[box, :, column] = 0.0
     return approximate_inverses(np.take_along_axis(slopes, pivots[:, None], axis=2))
 
 
@@ -144,13 +144,13 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     singular value of P. With e = (0, ..., 0, 1), M z = e has the solution z = (eta, g), and M' z = e the
     solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts 2000).
 
-    Returns:
-        The enclosures of (eta, g) and of (psi, g).
-
     Args:
         P: (S, s, s) matrices at the middles of S boxes.
         errors: (S, s, s) bounds on the change of the entries of P within a box.
         rounding: bound on the error of the entries of P as computed at the middle.
+
+    Returns:
+        The enclosures of (eta, g) and of (psi, g).
     """
     U, _, V_rows = np.linalg.svd(P)
     b = U[:, :, -1:]  # (S, s, 1)
@@ -179,15 +179,17 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     e = np.eye(k)[-1]
     z_size = np.abs(z)
     X_size = np.abs(X)
+
     row_sums = ROUND_UP * (identity_defect(X, M) + X_size @ M_errors).sum(axis=2)  # (S, k) of N
     norm = row_sums.max(axis=1)
     valid = norm < MAX_CONTRACTION
+
     residual_rounding = gamma(k) * (np.matvec(np.abs(M), z_size) + e)
     residual = np.abs(e - np.matvec(M, z)) + residual_rounding
 
     def solution_error(product_error: Array) -> Array:
         """Bound |z - z~| (S, k) given the error (S, k) of the product M z~."""
-        direct = ROUND_UP * np.matvec(X_size, residual + product_error)
+        direct = ROUND_UP * np.matvec(X_size, residual + product_error)  # without the term with N
         largest = ROUND_UP * direct.max(axis=1) / np.where(valid, 1.0 - norm, 1.0)
         return direct + row_sums * largest[:, None]
 

@@ -35,8 +35,8 @@ from framework.proofs.passive_joints import attitude_equations
 from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, identity_defect
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
-MAX_JOINTS = 4
-MAX_BOXES = 60_000
+MAX_JOINTS = 4  # of a leg that is paved
+MAX_BOXES = 60_000  # tested for a leg
 
 Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and radii (B, n) of boxes
 
@@ -44,7 +44,7 @@ Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and r
 def are_leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Return whether a leg provably has no solutions but candidates; False if undecided.
+    """Return whether a leg of k joints provably has no solutions but candidates; False if undecided.
 
     Args:
         own: (k,) columns of the velocity vector of the leg's joints.
@@ -64,10 +64,11 @@ def are_leg_solutions_complete(
         q = q.copy()
         q[platform.q_indices] = x
         x = None
-    if not len(own):
+    if not len(own):  # no joints are left: the only solution is the candidate without coordinates
         return len(candidates) > 0
     if not _is_paveable(robot, own):
         return False
+
     equations = LegEquations.of(robot, own, fixed, q, x)
     region = _joint_region(equations) if equations.kinds else None
     if region is None:
@@ -98,7 +99,7 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
     robot = equations.robot
     own = equations.own
     middle = np.zeros(len(own))  # offsets from q
-    radii = np.full(len(own), ROUND_UP * np.pi)
+    radii = np.full(len(own), ROUND_UP * np.pi)  # half a turn of each hinge
     for slide in np.flatnonzero(robot.sliding[own]):  # at most one
         farthest = equations.bound_slide()
         if farthest is None:
@@ -111,8 +112,8 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
 class KnownSolutions(NamedTuple):
     """Known solutions, each alone in a box about its point."""
 
-    points: Array  # (k, n) offsets of n joints
-    radii: Array  # (k,) of the boxes
+    points: Array  # (k, n) offsets of n joints [rad, robot lengths]
+    radii: Array  # (k,) of the boxes, equal in all coordinates
     period: Array  # (n,) of the coordinates: a whole turn of angles, inf of lengths
 
     def contains(self, boxes: Boxes) -> BoolArray:
@@ -171,18 +172,18 @@ def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSol
 class LegEquations:
     """The m equations of a leg in the offsets of its n joints from q [rad, robot lengths].
 
-    These are loop equations, then three coordinates of the platform's position or fewer, then nine of its
+    These are loop equations, then up to three coordinates of the platform's position, then nine of its
     attitude. All other joints are fixed, or enter none of the equations.
     """
 
     robot: ParallelRobot
-    own: IntArray  # (n,) columns of the velocity vector
-    q: Array  # (nq,)
+    own: IntArray  # (n,) columns of the leg's joints in the velocity vector
+    q: Array  # (nq,) configuration of offsets zero
     x: Array | None  # (platform coordinates,) if only the leg and fixed joints carry the platform
     loops: IntArray  # (loops,) indices into `robot.rows`
-    chains: list[LeverChain]
+    chains: list[LeverChain]  # between the frames of loops, then from the base to the platform
     chain_of: IntArray  # (m,) index of each equation's chain
-    kinds: list[str]  # m fields of `ChainBounds`, by the vectors whose product the equation is
+    kinds: list[str]  # of the m equations: position, attitude or square, the field of `ChainBounds`
     attitude: Array | None  # (3, 3) of the platform's frame, if x determines it
 
     @staticmethod
@@ -197,7 +198,8 @@ class LegEquations:
         free = ~fixed
         free[own] = False
 
-        moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv) a joint carries one frame
+        # loops, each with the chain between its frames; a joint moves a row if it carries one frame alone
+        moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
         loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
         ends = np.column_stack([rows.first[loops], rows.second[loops]])
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
@@ -206,6 +208,7 @@ class LegEquations:
             [rows.square[loops], rows.rotation[loops]], ["square", "attitude"], "position"
         ).tolist()
 
+        # coordinates of the platform
         attitude = None
         platform = robot.platform
         is_determined = carried[0, own].any() and not carried[0, free].any()
@@ -239,7 +242,10 @@ class LegEquations:
         return LinearEnclosure(values, slopes * units, self._bound_errors(frames.q, radii))
 
     def _bound_errors(self, q: Array, radii: Array) -> Array:
-        """Bound the second-order terms and the rounding (B, m) in boxes of radii (B, n) about q (B, nq)."""
+        """Bound the second-order terms and the rounding (B, m) in boxes of radii (B, n) about q (B, nq).
+
+        Each equation has the bound of its chain for its kind.
+        """
         robot = self.robot
         own = self.own
         slid = np.abs(self.slide_lengths(q))  # (B, nv) [m] at the middles
@@ -253,7 +259,7 @@ class LegEquations:
         return errors + FRAME_ROUNDING * (1.0 + np.reshape(longest, (-1, 1)))
 
     def _linearise_loops(self, frames: FrameStack) -> tuple[Array, Array]:
-        """Compute the residuals of the loop equations (B, loops), and slopes (B, loops, n)."""
+        """Compute the residuals (B, loops) of the loop equations in boxes, and slopes (B, loops, n)."""
         loops = self.loops
         lengths = self.robot.row_lengths[loops]
         equations = loop_equations(self.robot.rows, frames)
@@ -261,9 +267,10 @@ class LegEquations:
         return equations.residual[:, loops] / lengths, slopes / lengths[:, None]
 
     def _linearise_position(self, frames: FrameStack, x: Array) -> tuple[Array, Array]:
-        """Compute (position - x) / length of the platform's frame along its translations, and slopes.
+        """Compute offsets (B, t) of the platform's frame from x [robot lengths], and slopes (B, t, n).
 
-        `platform.along` are the base axes of the translations, `platform.sliding` their indices in x.
+        The offsets are those along its t translations. `platform.along` are the base axes of the translations,
+        `platform.sliding` their indices in x.
         """
         platform = self.robot.platform
         offset = frames.position[:, 0, platform.along] - x[platform.sliding]
@@ -281,18 +288,21 @@ class LegEquations:
         joints), it is no longer than the rest of the chain stretched into one line.
         """
         robot = self.robot
-        slide = np.flatnonzero(robot.sliding[self.own])[0]
+        slide = np.flatnonzero(robot.sliding[self.own])[0]  # its index among the leg's joints
         joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))
         squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, m)
         is_translation = np.array(self.kinds) != "attitude"
+
+        # lengths of the rest of a chain, without the slide, and between the ends that the equations join
         lengths = np.insert(np.abs(self.slide_lengths(self.q)), 0, 1.0)  # (1 + nv,) as in `LeverChain`
         lengths[1 + self.own[slide]] = 0.0
         offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
         offset += 0.0 if self.x is None else np.abs(self.x).sum()
+
         bounds = []
         for k, chain in enumerate(self.chains):
-            translation = squares[:, is_translation & (self.chain_of == k)].sum(axis=1)
-            if np.all(translation > 1 - RANK_ROUNDING):
+            squared_speed = squares[:, is_translation & (self.chain_of == k)].sum(axis=1)  # of the end
+            if np.all(squared_speed > 1 - RANK_ROUNDING):
                 bounds.append((chain.length @ lengths + offset) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 
@@ -332,7 +342,7 @@ class LeverChain(NamedTuple):
         levers = np.zeros((len(columns), 1 + model.nv))
         for number, sign in reversed(joints_between(robot, first, second)):
             joint = model.joints[number]
-            is_joint = columns == joint.idx_v
+            is_joint = columns == joint.idx_v  # (n,) whether it is one of the leg's joints
             is_inside |= is_joint
             # the chain up to this joint, with its link and its slide
             longer = length.copy()
@@ -348,19 +358,20 @@ class LeverChain(NamedTuple):
         return LeverChain(robot.length, is_inside & ~is_slide, is_inside & is_slide, levers, length)
 
     def bound_second_order(self, radii: Array, slid: Array) -> ChainBounds:
-        """Bound the second-order terms in boxes of radii (B, n).
+        """Bound the second-order terms in boxes of radii (B, n) [rad, robot lengths].
 
         Slides are extended by at most `slid` (B, nv) [m]. The second derivative of the carried point p is at
         most the lesser lever along two hinges, and 1 along a hinge and a slide. That of a direction is at
         most 1 along two hinges. The point moves by at most `travel`. With the first derivatives u_i of p,
         p . p / 2 has the second derivatives p . d2p + u_i . u_j.
         """
-        lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
+        lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv), see the class
         levers = lengths @ self.levers.T  # (B, n)
         length = lengths @ self.length  # (B,)
+
         turns = radii * self.turning  # (B, n)
-        slide = radii @ self.sliding
-        turn = radii @ self.turning
+        turn = radii @ self.turning  # (B,) of all hinges
+        slide = radii @ self.sliding  # (B,) of all slides
         lesser = np.minimum(levers[:, :, None], levers[:, None])  # (B, n, n) lever of two hinges
         position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + turn * slide
         travel = (turns * levers).sum(axis=1) + slide  # of the point

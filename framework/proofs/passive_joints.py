@@ -33,7 +33,7 @@ MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a
 def find_joints_at_poses(
     robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
 ) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at k given poses.
+    """Find configurations (nq,) with the platform's frame at each of k given poses.
 
     Motors and springs stay as in q (1, nq). For each pose the configuration nearest to the reference is
     returned, or None if none is found.
@@ -42,6 +42,7 @@ def find_joints_at_poses(
         positions: (k, 3) of the frame's origin.
         rotations: (k, 3, 3) of the frame; None to leave them free.
     """
+    # T = k STARTS_PER_POSE searches
     targets = np.repeat(positions, STARTS_PER_POSE, axis=0)  # (T, 3)
     target_rotations = None if rotations is None else np.repeat(rotations, STARTS_PER_POSE, axis=0)
 
@@ -56,6 +57,7 @@ def find_joints_at_poses(
 
     starts = np.tile(draw_starts(robot, q, robot.passive, STARTS_PER_POSE), (len(positions), 1))
     q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
+
     nearest_poses = list[Array | None]()
     ends = q.reshape(-1, STARTS_PER_POSE, robot.model.nq)
     for candidates, is_closed in zip(ends, closed.reshape(-1, STARTS_PER_POSE), strict=True):
@@ -94,7 +96,7 @@ def close_all_loops(
             along all joints, dimensionless.
     """
     weights = 1.0 / robot.row_lengths
-    is_last = False
+    is_last = False  # whether the last step has been taken
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         loops = loop_equations(robot.rows, frames)
@@ -104,10 +106,12 @@ def close_all_loops(
             extra_values, extra_slopes = extra_equations(frames)
             values = np.hstack([values, extra_values])
             slopes = np.hstack([slopes, extra_slopes])
+
         size = np.abs(values).max(axis=1)  # (T,)
         if is_last or not len(q):
             break
         is_last = bool((size < LOOP_GAP).all())
+
         step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
         step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
         q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
@@ -126,7 +130,7 @@ def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -
 
 
 def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference.
+    """Compute offsets (..., nv) [rad, m] of q (..., nq) from the reference.
 
     Angles of hinges in `columns` are wrapped to within half a turn.
     """
@@ -187,7 +191,10 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows (T, k) that repeat no earlier row up to whole turns."""
+    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
+
+    Rows are compared with those kept so far. Slides [robot lengths] are compared like angles.
+    """
     points = np.exp(1j * joints)  # on the unit circle
     distinct = list[int]()
     for k, point in enumerate(points):

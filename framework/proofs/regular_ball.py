@@ -64,7 +64,7 @@ def prove_regular_ball(
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2.
+    The pose has the platform coordinates x (n,) and the configuration q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2.
     The radius is 0 if nothing is proved. For platforms that turn about three axes or have more than three
     coordinates, only one cell is tried. Nothing is proved for platforms that turn about two axes, or about
     one without moving in a plane, nor for robots with moving ball joints or couplings.
@@ -79,6 +79,7 @@ def prove_regular_ball(
     unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
     if list_unbounded_joints(robot) or unmeasured_turn:
         return 0.0
+
     test = CellTest(DerivativeBounds.of(robot), x)
     single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
@@ -93,7 +94,7 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     First `within` [robot lengths, rad] is halved repeatedly. Then radii in small steps are tried, from the
     largest proved one to its double.
     """
-    halved = _largest_proved(test, q, within * np.exp2(-np.arange(MAX_HALVINGS)))
+    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(MAX_HALVINGS)))
     if not halved:
         return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -135,7 +136,7 @@ class _Cubes(NamedTuple):
     def split(self) -> _Cubes:
         """Split each cube into 2^n cubes of half the width."""
         S, n = self.numbers.shape
-        corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
+        corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) all rows of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
         numbers = 2 * self.numbers[parent] + np.tile(corners, (S, 1))
         return _Cubes(self.level[parent] + 1, numbers, select(self.cells, parent))
@@ -163,7 +164,11 @@ class _Cubes(NamedTuple):
 
 
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
-    """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,)."""
+    """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,).
+
+    Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested alone.
+    Then the proved ones are compared with their neighbours.
+    """
     n = len(test.x)
     width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
     start = test(np.zeros((1, n)), q[None], np.array([width]))
@@ -217,6 +222,7 @@ def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q:
     neighbour = cubes.inward_neighbours()
     joints = _continue_joints(test, cells, nearest)
     points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero
+    # a cube without a neighbour (-1) does not agree, although it is compared with the last cube
     agree = points.proved & (neighbour >= 0)
     for sharing_cells in (cells, select(cells, neighbour)):
         agree &= _contain_joint_boxes(test, sharing_cells, joints, ROUND_UP * points.radii)
@@ -226,7 +232,10 @@ def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q:
 
 
 def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
-    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,)."""
+    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,).
+
+    The joint box of a cell has the radii `cells.radii` about the joints at the middle of the cell.
+    """
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
@@ -247,13 +256,13 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
 
 
 class Cells(NamedTuple):
-    """S cells of platform coordinates, with the joints at their middles."""
+    """S cells of platform coordinates, with the k moving joints at their middles."""
 
     z: Array  # (S, n) middles, relative to the pose [robot lengths, rad]
-    q: Array  # (S, nq)
+    q: Array  # (S, nq) configurations at the middles
     proved: BoolArray  # (S,) to be free of singularities
     slope: Array  # (S, k, n) of the joints along the platform's coordinates
-    radii: Array  # (S, k) of the joint box that holds one pose for each x
+    radii: Array  # (S, k) of the joint box that holds one pose for each x of the cell
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
 
 
@@ -288,10 +297,10 @@ class CellTest(NamedTuple):
 
 
 class _JointBoxes(NamedTuple):
-    """Boxes of joints with one pose for each x of a cell."""
+    """Boxes of k joints about the middles of S cells."""
 
-    proved: BoolArray  # (S,)
-    radii: Array  # (S, k)
+    proved: BoolArray  # (S,) to hold one pose for each x of the cell
+    radii: Array  # (S, k) of the boxes
     image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
     error: Array  # (S, k) largest distance of the joints from their linear change with x
     remainders: Remainders  # of the equations within the radii
@@ -344,7 +353,7 @@ def _passive_block_is_regular(
 
         N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
 
-    has a spectral radius below 1.
+    has a spectral radius below 1. For `half` and `dual_norm` see `_bound_over_cell`; `box` holds the joints.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding

@@ -21,12 +21,15 @@ ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-ne
 
 
 def gamma(terms: int) -> float:
-    """Bound the rounding of a sum of `terms` products over the sum of moduli, with a margin of 8."""
+    """Bound the rounding of a sum of `terms` products, relative to the sum of their moduli.
+
+    The bound has a margin of 8.
+    """
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 
 
 def approximate_inverses(matrices: Any) -> Any:
-    """Compute inverses (S, k, k) up to rounding; zero where a matrix is singular."""
+    """Compute inverses (S, k, k) of real or complex matrices up to rounding; zero for a singular matrix."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:

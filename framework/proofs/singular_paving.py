@@ -61,11 +61,11 @@ class PavedSet(ReadOnlyArrays):
     """
 
     name: str  # type_2; or type_1 of the motors of a leg
-    x: Array  # (B, n) middles in the platform's coordinates
+    x: Array  # (B, n) middles in the platform's coordinates [m, rad]
     x_radii: Array  # (B, n) the proved poses are within these radii
-    q: Array  # (B, nq) middles
+    q: Array  # (B, nq) middles in the joints
     along: IntArray  # (B,) index of the parameter among the moving joints; -1 with one freedom
-    undecided_x: Array  # (U, n)
+    undecided_x: Array  # (U, n) middles of undecided boxes
     undecided_x_radii: Array  # (U, n)
 
     @property
@@ -149,7 +149,7 @@ def pave_singularities(
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
-    """Refuse a robot that cannot be paved."""
+    """Raise InvalidInput for a robot that cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
@@ -270,18 +270,18 @@ def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
 class Arcs(NamedTuple):
     """B boxes with a proved arc in each, and the platform's coordinates along the arcs."""
 
-    x: Array  # (B, n) at the middles
+    x: Array  # (B, n) at the middles [m, rad]
     x_radii: Array  # (B, n) the arcs are within these radii
-    middle: Array  # (B, k) of the joints
-    along: IntArray  # (B,) index of the joint that is the parameter
+    middle: Array  # (B, k) of the boxes [rad, robot lengths]
+    along: IntArray  # (B,) index of the joint that is the parameter of the arc; NO_AXIS for a point
 
 
 class _SingularEquations(NamedTuple):
     """The m loop equations and g = 0 in S boxes, and the platform's coordinates."""
 
     valid: BoolArray  # (S,) whether poses in the box are singular if and only if g = 0
-    at_middle: LinearEnclosure  # with the errors of the values at the middle
-    errors: Array  # (S, m + 1) of the linear equations in the box
+    at_middle: LinearEnclosure  # with the errors of the values at the middle alone
+    errors: Array  # (S, m + 1) of values + slopes d in the box itself
     slope_changes: Array  # (S, m + 1, k) bounds on the changes of the slopes in the wider box
     x: Array  # (S, n) at the middle
     x_slopes: Array  # (S, n, k) dimensionless
@@ -292,7 +292,7 @@ class _Decision(NamedTuple):
     """The remaining parts of S boxes, and the proved arcs."""
 
     remaining: Contracted  # the parts that hold all singular poses
-    axis: IntArray  # (S,) parameter of the arc, across which a box is cut if large; NO_AXIS without proof
+    axis: IntArray  # (S,) parameter of the arc, across which a large box is cut; NO_AXIS without a proof
     is_arc: BoolArray  # (S,) whether an arc is proved and small enough
     arcs: Arcs  # these arcs
 
@@ -310,7 +310,7 @@ class SingularBoxTest:
         """Drop, keep, narrow or cut boxes.
 
         The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
-        arcs.
+        arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
         """
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
         wider = TESTED_BOX_RATIO * boxes.radii
@@ -394,14 +394,17 @@ class SingularBoxTest:
         at_middle = equations.at_middle
         in_box = at_middle._replace(errors=equations.errors)
         remaining = contract(in_box, boxes.radii, pivoted_inverses(in_box.slopes, boxes.radii))
+
+        # choose the parameter
         parameter = None
         along = np.full(boxes.size, NO_AXIS)
-        reach = np.zeros((boxes.size, 1))  # of the parameter
+        reach = np.zeros((boxes.size, 1))  # largest |p| in the box
         if robot.n == 2:
             tangent = np.linalg.svd(in_box.slopes).Vh[:, -1]  # (S, k) the null vector of the slopes
             along = parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
             reach = np.take_along_axis(boxes.radii, parameter[:, None], axis=1)
             np.put_along_axis(wider, parameter[:, None], reach, axis=1)
+
         proof = prove_existence(at_middle, equations.slope_changes, wider, parameter)
         proved = proof.proved[:, None]  # a proof bounds all solutions, so it narrows the box further
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)

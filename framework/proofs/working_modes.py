@@ -35,15 +35,15 @@ from framework.proofs.passive_joints import (
 )
 from framework.tolerances import LOOP_GAP
 
-MAX_COMBINATIONS = 512  # of the solutions of all legs
+MAX_COMBINATIONS = 512  # of one solution for each leg
 
 
 @dataclass(frozen=True, eq=False)
 class WorkingMode(ReadOnlyArrays):
     """A solution of the inverse kinematics."""
 
-    q: Array  # (nq,)
-    motors: Array  # (n_a,) joint side
+    q: Array  # (nq,) configuration
+    motors: Array  # (n_a,) motor joints, joint side of the gears
     signs: Array  # (legs,) see `leg_signs`
     proved: bool  # to exist, and to be the only solution in a neighbourhood
     within_limits: bool  # of the joints in the URDF
@@ -93,7 +93,8 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
-    q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
+
+    q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)  # (0, nq) without modes
     robot_legs = legs(robot)
     counts = tuple(map(len, solutions))
     proved_legs = [
@@ -125,7 +126,9 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     starts = draw_starts(robot, robot.reference.q[None], columns, RANDOM_STARTS)
     q, closed = close_all_loops(robot, starts, columns, platform_equations)
     q = q[closed]
+    # an idle spin would make equal solutions differ
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
+
     offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
     solutions = []
     for leg in legs(robot):
@@ -143,7 +146,7 @@ def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
     """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
-    offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))
+    offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))  # (T, k)
     offsets = offsets * robot.column_scale[columns]
     return integrate_columns(robot, robot.reference.q, columns, offsets)
 
