@@ -42,16 +42,16 @@ from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
-MAX_STARTS = 8  # of Newton's method, on the shortest rays that meet the locus
+MAX_STARTS = 8  # of Newton's method for foot points, on the shortest rays that meet the locus
 FAR_RATIO = 1.25  # segments that start beyond this ratio times the distance of the nearest end are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
-WALKS, WALK_STEPS = 64, 60  # random walks; steps of each
+WALKS, WALK_STEPS = 64, 60  # random walks that sample poses; steps of each
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]
-STARTS = 3  # searches at most
-START_DISTANCE = 2 * MAX_WALK_STEP  # least distance between starts
+STARTS = 3  # largest number of searches for the pose nearest to a target
+START_DISTANCE = 2 * MAX_WALK_STEP  # least distance between their starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,7 @@ def nearest_singular_pose(
             f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
             f"axis of the platform"
         )
+
     assembled = assembled_at(robot, q)
     centre = _Centre(robot, assembled.q[0], assembled.x[0])
     unit_length, unit = distance_unit(robot)
@@ -110,6 +111,7 @@ def nearest_singular_pose(
     directions = _spread_directions(robot.n)
     crossed, ended = _follow_rays(centre, directions * reach)
     nearest = _nearest_singular(centre, crossed, reach)
+
     radius = reach if nearest is None else nearest.distance
     proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
     result = NearestSingularPose(
@@ -215,11 +217,13 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
     for k in range(count):
         segments = _RaySegments(q, rays * (k / count), rays * ((k + 1) / count))
         step = centre.step(*segments, STEP_PARTS)
+
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
         is_crossed[is_reached] = centre.signs_of_g(step.q[is_reached]) != sign
         crossed.append(select(segments, is_crossed))
         ended.append(select(segments, ~is_reached))
+
         continues = is_reached & ~is_crossed
         q = step.q[continues]
         rays = rays[continues]
@@ -288,8 +292,10 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
         step_start = segments.start[live] + length[live] * fraction[live, None]
         step_end = segments.start[live] + length[live] * next_fraction[:, None]
         step = centre.step(q[live], step_start, step_end)
+
         accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
         accepted[accepted] = centre.signs_of_g(step.q[accepted]) == sign[live[accepted]]
+
         q[live[accepted]] = step.q[accepted]
         fraction[live[accepted]] = next_fraction[accepted]
         size[live[~accepted]] *= 0.5
@@ -300,7 +306,7 @@ def _find_foot(centre: _Centre, pose: _Pose) -> _Pose | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
-    towards this point. With the slopes a of g it is a (a . z - g) / |a|^2.
+    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2.
     """
     q, z = pose
     for _ in range(MAX_FOOT_STEPS):
@@ -398,9 +404,11 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     direction = np.zeros_like(x)
     accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
     for _ in range(WALK_STEPS):
+        # walks that were refused take a new direction
         new_direction = random.standard_normal(x.shape)
         new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
         direction[~accepted] = new_direction[~accepted]
+
         length = MAX_WALK_STEP * random.random((WALKS, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)

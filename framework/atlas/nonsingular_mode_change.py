@@ -24,7 +24,7 @@ from framework.singularity.traced_locus import LocusCurve, LocusPoint, TracedLoc
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-CIRCLE_STEPS = 24
+CIRCLE_STEPS = 24  # of the motors around a circle
 # [rad, robot lengths] radii of the circles that are tried in turn
 CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
@@ -58,9 +58,10 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput(f"locus: needs one that was traced in two motors of {robot.name}, see `free`")
     curve = _find_curve(locus, cusp)
-    free = [robot.actuator_names.index(name) for name in locus.free]
+    free = [robot.actuator_names.index(name) for name in locus.free]  # the two motors
     scale = robot.column_scale[robot.actuated][free]
     opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
+
     # the circle starts between the arms of the locus
     angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
     unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])  # (T, 2)
@@ -83,7 +84,7 @@ def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
 
 
 def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
-    """Compute the direction (n_a,) of the motors into which a cusp opens.
+    """Compute the direction (n_a,) [rad, m] of the motors into which a cusp of a curve opens.
 
     The direction leads from the cusp to the midpoint between the points of the curve on both arms next to the
     cusp.
@@ -102,6 +103,7 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
     """
 
     def distance(x: Array, y: Array) -> float:
+        """Return the distance of platform coordinates x and y (n,) [robot lengths, rad]."""
         return float(np.linalg.norm((x - y) / robot.platform_scale))
 
     modes = assembly_modes(robot, motors[0]).modes

@@ -159,6 +159,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
         InvalidInput: the window is too wide.
         OutOfReach: no pose near the reference is reached.
     """
+    # the grid of all poses that are computed; only those of the window are returned
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)
     if max(rows, columns) > MAX_EDGE_POSES:
@@ -167,12 +168,15 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
             f"window: {width:.3g} robot lengths wide is more than poses can be followed over; "
             f"lengths are in m"
         )
-    x = replace(window, shape=(rows, columns)).points()
+    x = replace(window, shape=(rows, columns)).points()  # (rows, columns, n)
     q = np.full((rows, columns, robot.model.nq), np.nan)
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
+
+    # coarse poses nearest to the reference
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]  # flat indices
     first_poses = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
+
     refusal: NoAnswer | None = None
     for i, j in first_poses:
         try:

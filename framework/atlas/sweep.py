@@ -27,7 +27,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import BRANCHES_CROSS
 
-NEWTON_STEPS = 10  # at most to correct a prediction
+NEWTON_STEPS = 10  # largest number that corrects a prediction
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
 
@@ -55,8 +55,8 @@ REASON_WORDS = {
 class StepEnds(NamedTuple):
     """The ends of steps from T poses."""
 
-    q: Array  # (T, nq)
-    reason: ReasonArray  # (T,) `PoseReason`
+    q: Array  # (T, nq) configurations, valid where the step was accepted
+    reason: ReasonArray  # (T,) REACHED where the step was accepted, else why not
 
 
 def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: Sequence[int]) -> None:
@@ -88,8 +88,9 @@ def _fill_lattice(
     not been tried before. A step that is not trusted is divided into `parts`. If a pose fails for several
     reasons, the largest is stored.
     """
-    untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
+    untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
     while True:
+        # choose one neighbour for each pose
         filled = np.isfinite(q[..., 0])
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
@@ -100,6 +101,7 @@ def _fill_lattice(
             sources[chosen] = np.argwhere(chosen) - (down, right)
         if not is_target.any():
             return
+
         i, j = sources[is_target].T
         step = step_poses(robot, q[i, j], x[i, j], x[is_target], parts)
         reached = step.reason == PoseReason.REACHED
@@ -122,6 +124,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     refused = np.flatnonzero(step.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(refused):
         return step
+
     step.q[refused] = q[refused]  # back to the start
     live = refused  # steps whose parts have all been accepted so far
     for k in range(parts):
@@ -142,17 +145,19 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     A step that closes the loops is accepted if its correction is small, if it ends in the same working mode,
     and if it stays on its branch: the tangent turns little, or no branches cross at the end.
     """
+    # predict
     linearised = linearised_at(robot, q, start)
     start_twist = robot.platform.twist(start, end - start)[0]  # the platform's step, as a twist
     end_twist = robot.platform.twist(end, end - start)[0]
     # (T, nv) step along the tangent, springs at rest
     prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, prediction)
+
+    # correct, and judge the steps that close
     corrected, end_linearised, closed = close_each(
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_NEWTON_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-
     kept = np.flatnonzero(closed)
     accepted = _accept_steps(
         robot,

@@ -269,8 +269,8 @@ class LegEquations:
     def _linearise_position(self, frames: FrameStack, x: Array) -> tuple[Array, Array]:
         """Compute offsets (B, t) of the platform's frame from x [robot lengths], and slopes (B, t, n).
 
-        The offsets are those along its t translations. `platform.along` are the base axes of the translations,
-        `platform.sliding` their indices in x.
+        The offsets are those along its t translations. `platform.along` are the base axes of the
+        translations, `platform.sliding` their indices in x.
         """
         platform = self.robot.platform
         offset = frames.position[:, 0, platform.along] - x[platform.sliding]

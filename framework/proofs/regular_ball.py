@@ -52,9 +52,7 @@ MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
-MAX_TURN = (
-    np.pi / 2 / REACH_MARGIN
-)  # [rad] of a ball: beyond a right angle the sine does not determine the angle
+MAX_TURN = np.pi / 2 / REACH_MARGIN  # [rad] of a ball; beyond a right angle the sine has two angles
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
 PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
@@ -64,10 +62,11 @@ def prove_regular_ball(
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    The pose has the platform coordinates x (n,) and the configuration q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2.
-    The radius is 0 if nothing is proved. For platforms that turn about three axes or have more than three
-    coordinates, only one cell is tried. Nothing is proved for platforms that turn about two axes, or about
-    one without moving in a plane, nor for robots with moving ball joints or couplings.
+    The pose has the platform coordinates x (n,) and the configuration q (nq,). In the open ball no pose on
+    the branch of q is singular, of Type 1 or Type 2. The radius is 0 if nothing is proved. For platforms that
+    turn about three axes or have more than three coordinates, only one cell is tried. Nothing is proved for
+    platforms that turn about two axes, or about one without moving in a plane, nor for robots with moving
+    ball joints or couplings.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
@@ -166,8 +165,8 @@ class _Cubes(NamedTuple):
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
     """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,).
 
-    Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested alone.
-    Then the proved ones are compared with their neighbours.
+    Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested
+    alone. Then the proved ones are compared with their neighbours.
     """
     n = len(test.x)
     width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
