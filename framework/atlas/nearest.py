@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -170,16 +170,16 @@ class _RaySegments(NamedTuple):
     end: Array  # (K, n) offsets from the centre
 
 
-class _Pose(NamedTuple):
-    """A configuration with its offset from the centre."""
+class _Poses(NamedTuple):
+    """One pose, or K of them, by their configurations and their offsets from the centre."""
 
-    q: Array  # (nq,)
-    z: Array  # (n,)
+    q: Array  # (nq,) or (K, nq)
+    z: Array  # (n,) or (K, n)
 
     @property
-    def distance(self) -> float:
-        """Distance from the centre [robot lengths, rad]."""
-        return float(np.linalg.norm(self.z))
+    def distance(self) -> Any:
+        """Distance from the centre [robot lengths, rad], or distances (K,)."""
+        return np.linalg.norm(self.z, axis=-1)
 
 
 def _spread_directions(n: int) -> Array:
@@ -239,14 +239,15 @@ def _join_nearest(segments: list[_RaySegments]) -> _RaySegments:
     return select(joined, np.linalg.norm(joined.start, axis=1) <= FAR_RATIO * nearest_end)
 
 
-def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Pose | None:
+def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding.
     """
-    sign_changes = _locate_ends(centre, crossed)  # nearest first
-    candidates = [_find_foot(centre, pose) for pose in sign_changes[:MAX_STARTS]]
-    candidates += [pose for pose in sign_changes if abs(centre.compute_g(pose.q[None])[0]) < RANK_LOST][:1]
+    ends = _locate_ends(centre, crossed)
+    is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
+    candidates = [_find_foot(centre, select(ends, k)) for k in range(len(ends.q))[:MAX_STARTS]]
+    candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
     return min(within_reach, key=lambda pose: pose.distance, default=None)
 
@@ -254,17 +255,17 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _
 def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
     """Compute the distance of the centre from the nearest Type 1 end; infinite without one."""
     ends = _locate_ends(centre, ended)
-    return min((end.distance for end in ends if _is_type_1(centre.robot, end.q)), default=np.inf)
+    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, None))
+    is_type_1 = _least_singular_values(matrices) < TYPE_1_END
+    return float(ends.distance[is_type_1].min(initial=np.inf))
 
 
-def _is_type_1(robot: ParallelRobot, q: Array) -> bool:
-    """Return whether a configuration q (nq,) is singular of Type 1, within TYPE_1_END."""
-    matrix = type1_matrix(robot, linearised_at(robot, q[None], None))
-    least_singular_value = np.linalg.svd(matrix, compute_uv=False)[0, -1]
-    return bool(least_singular_value < TYPE_1_END)
+def _least_singular_values(matrices: Array) -> Array:
+    """Compute the least singular values (K,) of square matrices (K, s, s)."""
+    return np.linalg.svd(matrices, compute_uv=False)[:, -1]
 
 
-def _locate_ends(centre: _Centre, segments: _RaySegments) -> list[_Pose]:
+def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
     """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
     The nearest pose is located to rounding; for the others a few halvings are enough.
@@ -273,7 +274,7 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> list[_Pose]:
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
     fine = _bisect_segments(centre, select(coarse, order[:1]), MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
-    return list(map(_Pose, ends.q, ends.start))
+    return _Poses(ends.q, ends.start)
 
 
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
@@ -302,7 +303,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, pose: _Pose) -> _Pose | None:
+def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
@@ -320,7 +321,7 @@ def _find_foot(centre: _Centre, pose: _Pose) -> _Pose | None:
         step = a * (a @ z - g) / square - z
         distance = float(np.linalg.norm(step))
         if distance < NEWTON_STEP:
-            return _Pose(q, z) if abs(g) < RANK_LOST else None
+            return _Poses(q, z) if abs(g) < RANK_LOST else None
 
         next_z = z + min(1.0, RAY_STEP / distance) * step
         end = centre.step(q[None], z[None], next_z[None], STEP_PARTS)

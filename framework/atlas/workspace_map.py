@@ -52,7 +52,8 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
-# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start
+# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start;
+# the first search starts at the nearest reached configuration itself
 OFFSETS = (0.0, 1.0, 1.0, 1.0)
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
@@ -185,6 +186,7 @@ def workspace_map(
     started = time.perf_counter()
     choice = choose_quantities(robot, quantities, wrench)
     window = survey_window(robot) if window is None else window
+
     bands = {band.name: band for band in _make_bands(robot, window)}
     width = window.shape[1]
     grids = complete_chunks(
@@ -195,6 +197,7 @@ def workspace_map(
         keeper=keeper,
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
+
     x = window.points()
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
@@ -219,7 +222,7 @@ def fill_band(
     x = window.points()[band.first : band.first + len(band.q)]
     q = band.q.copy()
     reason = band.reason.copy()
-    coarse_stride = _coarse_stride(robot, window)
+    coarse_stride = _coarse_stride(robot, window)  # poses at this stride are filled
     strides = [stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)]
     fill_grid(robot, x, q, reason, strides)
     rows = band.stop - band.first  # without the first row of the next band
@@ -326,6 +329,7 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     Args:
         x: platform coordinates (I, J, n).
         q: configurations (I, J, nq); NaN at poses that are not reached.
+        reason: (I, J) `PoseReason` of each pose.
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
@@ -342,9 +346,11 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
+    # continue what was found; OPEN marks poses that are not tried
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
     fill_grid(robot, x, other_q, other_reason, [1])
+
     is_other = other_reason == PoseReason.REACHED
     reason[(reason == PoseReason.OPEN) & is_other] = PoseReason.OTHER_MODE
     reason[unjoined & ~is_other] = PoseReason.OPEN
