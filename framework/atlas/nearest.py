@@ -35,6 +35,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
+from framework.numerics.ordered_sums import singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
@@ -262,7 +263,7 @@ def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
 
 def _least_singular_values(matrices: Array) -> Array:
     """Compute the least singular values (K,) of square matrices (K, s, s)."""
-    return np.linalg.svd(matrices, compute_uv=False)[:, -1]
+    return singular_values(matrices)[:, -1]
 
 
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:

@@ -104,7 +104,7 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
         farthest = equations.bound_slide()
         if farthest is None:
             return None
-        middle[slide] = -equations.slide_lengths(equations.q)[own[slide]] / robot.length
+        middle[slide] = -_slide_lengths(robot, equations.q)[own[slide]] / robot.length
         radii[slide] = farthest
     return Boxes(middle[None], radii[None])
 
@@ -201,9 +201,12 @@ class LegEquations:
         # loops, each with the chain between its frames; a joint moves a row if it carries one frame alone
         moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
         loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
-        ends = np.column_stack([rows.first[loops], rows.second[loops]])
-        pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
-        chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
+        pairs, chain_of = np.unique(
+            np.column_stack([rows.first[loops], rows.second[loops]]), axis=0, return_inverse=True
+        )
+        slid = np.abs(_slide_lengths(robot, q))  # (nv,) [m] of fixed slides
+        slid[own] = 0.0
+        chains = [LeverChain.of(robot, own, slid, *pair) for pair in pairs.tolist()]
         kinds = np.select(
             [rows.square[loops], rows.rotation[loops]], ["square", "attitude"], "position"
         ).tolist()
@@ -220,7 +223,7 @@ class LegEquations:
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
                 kinds += ["attitude"] * 9
             chain_of = np.append(chain_of, np.full(len(kinds) - len(loops), len(chains)))
-            chains.append(LeverChain.of(robot, own, BASE, 0))
+            chains.append(LeverChain.of(robot, own, slid, BASE, 0))
         return LegEquations(robot, own, q, x, loops, chains, chain_of, kinds, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
@@ -248,8 +251,8 @@ class LegEquations:
         """
         robot = self.robot
         own = self.own
-        slid = np.abs(self.slide_lengths(q))  # (B, nv) [m] at the middles
-        slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)  # in the boxes
+        slid = np.abs(_slide_lengths(robot, q)[:, own])  # (B, n) [m] at the middles
+        slid += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)  # largest in the boxes
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         pairs = zip(self.chain_of, self.kinds, strict=True)
         terms = [getattr(bounds[chain], kind) for chain, kind in pairs]
@@ -277,10 +280,6 @@ class LegEquations:
         slopes = frames.frame_jacobian(0)[:, platform.along][:, :, self.own]
         return offset / self.robot.length, slopes / self.robot.length
 
-    def slide_lengths(self, q: Array) -> Array:
-        """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""
-        return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
-
     def bound_slide(self) -> float | None:
         """Bound the length [robot lengths] of the leg's slide in closed loops; None if unknown.
 
@@ -292,10 +291,6 @@ class LegEquations:
         joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))
         squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, m)
         is_translation = np.array(self.kinds) != "attitude"
-
-        # lengths of the rest of a chain, without the slide, and between the ends that the equations join
-        lengths = np.insert(np.abs(self.slide_lengths(self.q)), 0, 1.0)  # (1 + nv,) as in `LeverChain`
-        lengths[1 + self.own[slide]] = 0.0
         offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
         offset += 0.0 if self.x is None else np.abs(self.x).sum()
 
@@ -303,7 +298,7 @@ class LegEquations:
         for k, chain in enumerate(self.chains):
             squared_speed = squares[:, is_translation & (self.chain_of == k)].sum(axis=1)  # of the end
             if np.all(squared_speed > 1 - RANK_ROUNDING):
-                bounds.append((chain.length @ lengths + offset) / robot.length)
+                bounds.append((chain.length[0] + offset) / robot.length)  # without the slide itself
         return REACH_MARGIN * min(bounds) if bounds else None
 
 
@@ -322,50 +317,54 @@ class ChainBounds(NamedTuple):
 class LeverChain(NamedTuple):
     """The joints between a carried point and the observing frame, with their levers.
 
-    Slides change lengths. A length [m] is therefore stored as a row (1 + nv,): first the sum of the links,
-    then, for each column of the velocity vector, 1 if this slide adds its own length.
+    The leg's slides change lengths. A length [m] is therefore stored as a row (1 + n,): first the sum of the
+    links and of fixed slides, then, for each of the leg's joints, 1 if it is a slide that adds its length.
     """
 
     robot_length: float  # [m]
     turning: BoolArray  # (n,) which of the leg's joints are hinges of the chain
     sliding: BoolArray  # (n,) which are slides of the chain
-    levers: Array  # (n, 1 + nv) from the joint to the point
-    length: Array  # (1 + nv,) of the chain
+    levers: Array  # (n, 1 + n) from the joint to the point
+    length: Array  # (1 + n,) of the chain
 
     @staticmethod
-    def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
-        """Add up the links from the second frame's origin to the first frame, or to BASE."""
+    def of(robot: ParallelRobot, own: IntArray, slid: Array, first: int, second: int) -> LeverChain:
+        """Add up the links from the second frame's origin to the first frame, or to BASE.
+
+        `own` (n,) are the columns of the leg's joints, `slid` (nv,) the lengths [m] of fixed slides.
+        """
         model = robot.model
-        is_inside = np.zeros(len(columns), dtype=bool)
-        length = np.zeros(1 + model.nv)
+        n = len(own)
+        is_slide = robot.sliding[own]
+        is_inside = np.zeros(n, dtype=bool)
+        length = np.zeros(1 + n)
         length[0] = _offset_on_body(robot, second)
-        levers = np.zeros((len(columns), 1 + model.nv))
+        levers = np.zeros((n, 1 + n))
         for number, sign in reversed(joints_between(robot, first, second)):
             joint = model.joints[number]
-            is_joint = columns == joint.idx_v  # (n,) whether it is one of the leg's joints
+            is_joint = own == joint.idx_v  # (n,) whether it is one of the leg's joints
             is_inside |= is_joint
             # the chain up to this joint, with its link and its slide
             longer = length.copy()
             longer[0] += _offset_length(model.jointPlacements[number])
-            span = joint.idx_v + np.arange(joint.nv)
-            longer[1 + span] = robot.sliding[span]
+            longer[0] += slid[joint.idx_v : joint.idx_v + joint.nv].sum()
+            longer[1:] += is_joint & is_slide
             # a joint that carries the first frame is at the far end of its link
             levers[is_joint] = length if sign > 0.0 else longer
             length = longer
         if first != BASE:
             length[0] += _offset_on_body(robot, first)
-        is_slide = robot.sliding[columns]
         return LeverChain(robot.length, is_inside & ~is_slide, is_inside & is_slide, levers, length)
 
     def bound_second_order(self, radii: Array, slid: Array) -> ChainBounds:
         """Bound the second-order terms in boxes of radii (B, n) [rad, robot lengths].
 
-        Slides are extended by at most `slid` (B, nv) [m]. The second derivative of the carried point p is at
-        most the lesser lever along two hinges, and 1 along a hinge and a slide. That of a direction is at
-        most 1 along two hinges. The point moves by at most `travel`. With the first derivatives u_i of p,
-        p . p / 2 has the second derivatives p . d2p + u_i . u_j.
+        The leg's slides are extended by at most `slid` (B, n) [m]. The second derivative of the carried point
+        p is at most the lesser lever along two hinges, and 1 along a hinge and a slide. That of a direction
+        is at most 1 along two hinges. The point moves by at most `travel`. With the first derivatives u_i of
+        p, p . p / 2 has the second derivatives p . d2p + u_i . u_j.
         """
-        lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv), see the class
+        lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + n), see the class
         levers = lengths @ self.levers.T  # (B, n)
         length = lengths @ self.length  # (B,)
 
@@ -377,6 +376,11 @@ class LeverChain(NamedTuple):
         travel = (turns * levers).sum(axis=1) + slide  # of the point
         square = (length * position + 0.5 * travel**2) * self.robot_length
         return ChainBounds(position, 0.5 * turn**2, square, length)
+
+
+def _slide_lengths(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""
+    return np.where(robot.sliding, difference(robot, robot.neutral, q), 0.0)
 
 
 def _offset_on_body(robot: ParallelRobot, frame: int) -> float:
