@@ -407,7 +407,7 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """The equations z' (start + t change) z = 0 and chart . z = 1, t from 0 to 1."""
+    """Equations of all paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
 
     start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
     change: ComplexArray  # (N - 1, N, N) from t = 0 to t = 1
