@@ -185,9 +185,11 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
             modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
 
     method = f"{RANDOM_STARTS} starts of Newton's method"
+    status: Status = "at least"
     if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates):
-        return AssemblyModes(tuple(modes), "proved", None, None, f"{method}, joints paved")
-    return AssemblyModes(tuple(modes), "at least", None, None, method)
+        status = "proved"
+        method += ", joints paved"
+    return AssemblyModes(tuple(modes), status, bound=None, count=None, method=method)
 
 
 def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:

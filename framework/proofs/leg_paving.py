@@ -143,8 +143,8 @@ def unique_radii(equations: Equations, points: Array) -> Array:
     return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
-def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
-    """Return whether boxes provably hold only known solutions; False if undecided.
+def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSolutions) -> bool:
+    """Return whether the boxes of a region provably hold only known solutions; False if undecided.
 
     A box is dropped if its linear enclosure has no solution, or if it lies in the box of a known solution.
     Otherwise the enclosure narrows it, or it is cut.
@@ -163,8 +163,8 @@ def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSol
         undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, no_axis, is_small)
         return Examined(None, undecided, pending)
 
-    # One undecided box spoils the proof. With equal distances no box is nearer than it, so the search ends.
-    end = branch_and_bound(test, boxes, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
+    # One undecided box spoils the proof. With equal distances no box is nearer, so the search ends there.
+    end = branch_and_bound(test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
     return not (end.undecided.size or end.pending.size)
 
 

@@ -152,6 +152,7 @@ class _Cubes(NamedTuple):
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
         inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)
 
+        # of the cubes that contain the smallest one, one for each level, at most one is in the stack
         keys = np.column_stack([self.level, self.numbers]).tolist()
         index_of = {tuple(key): index for index, key in enumerate(keys)}
         neighbour = np.full(len(keys), -1)
@@ -286,10 +287,12 @@ class CellTest(NamedTuple):
         x = self.x + z * robot.platform_scale
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
+
         newton = NewtonMap.of(dF, F)
-        slope = newton.Y[:, :, : robot.n]
+        slope = newton.Y[:, :, : robot.n]  # (S, k, n) of the joints along x
         boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, dual_norm))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, dual_norm)
+
         P = dF[:, robot.n :, robot.n_a :]
         signs = np.column_stack([np.linalg.slogdet(block).sign for block in (dF, P)])
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
