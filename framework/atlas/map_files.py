@@ -54,6 +54,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
         "lower": window.lower.tolist(),
         "upper": window.upper.tolist(),
         "shape": list(window.shape),
+        # coordinates that are constant over the map
         "held": {names[k]: constants[k] for k in range(robot.n) if k not in window.axes},
         "quantities": [quantity.key for quantity in quantities],
         "wrench": find_wrench(quantities),

@@ -86,7 +86,7 @@ def _fill_lattice(
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
     not been tried before. A step that is not trusted is divided into `parts`. If a pose fails for several
-    reasons, the largest is stored.
+    reasons, the largest is stored. Arguments as in `fill_grid`; `wanted` (I, J) marks the poses to fill.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
     while True:

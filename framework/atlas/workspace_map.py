@@ -218,7 +218,7 @@ def workspace_map(
 def fill_band(
     robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
 ) -> dict[str, NDArray]:
-    """Compute the poses and quantities of one band."""
+    """Compute the poses and quantities of one band; return its arrays by name."""
     x = window.points()[band.first : band.first + len(band.q)]
     q = band.q.copy()
     reason = band.reason.copy()
@@ -277,7 +277,10 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
 def _evaluate_poses(
     robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: ReasonArray
 ) -> dict[str, NDArray]:
-    """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name."""
+    """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name.
+
+    Only poses with the `reason` (I, J) REACHED have values.
+    """
     reached = reason == PoseReason.REACHED
     arrays: dict[str, NDArray] = {"q": q, "reason": reason}
     arrays |= {key: np.full(reason.shape, value) for key, value in _empty_values(quantities).items()}
@@ -307,6 +310,7 @@ def _join_bands(
     for first in range(BAND_ROWS, len(x), BAND_ROWS):
         border[first - 1] = ~was_filled[first - 1] & was_filled[first]
         border[first] = ~was_filled[first] & was_filled[first - 1]
+
     for wanted in (border, ~was_filled):
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, [1])

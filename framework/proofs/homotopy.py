@@ -226,8 +226,8 @@ class StartSystem(NamedTuple):
 def solve_start_system(group: Displacements) -> StartSystem:
     """Find the solutions of a random system by monodromy.
 
-    The system is chosen such that a random point solves it. Solutions are tracked to another random system
-    and back, each time along a new closed loop of coefficients.
+    The system is chosen such that a random point solves it. All solutions known so far are tracked to another
+    random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
     """
     rng = np.random.default_rng(0)
     z = group.random_point(rng)
