@@ -52,7 +52,7 @@ from framework.proofs.passive_joints import (
     distance_from_reference,
     distinct_rows,
     draw_starts,
-    find_joints_at_poses,
+    find_joints_at_pose,
     has_one_solution_near,
     remove_whole_turns,
 )
@@ -145,12 +145,10 @@ def _modes_at_displacements(
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0
     rotation = reference_frames.rotation[0, 0]  # (3, 3)
-    positions = solutions.R @ position + solutions.p * robot.length
-    rotations = None if group.only_translates else solutions.R @ rotation
-    poses = find_joints_at_poses(robot, q, positions, rotations)
-
     modes = list[AssemblyMode]()
-    for pose, proved in zip(poses, solutions.proved, strict=True):
+    for R, p, proved in zip(solutions.R, solutions.p, solutions.proved, strict=True):
+        turned = None if group.only_translates else R @ rotation
+        pose = find_joints_at_pose(robot, q, R @ position + p * robot.length, turned)
         if pose is not None:
             x = _platform_coordinates(robot, frames_at(robot, pose[None]))
             modes.append(AssemblyMode(pose, x, bool(proved)))

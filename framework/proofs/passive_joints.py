@@ -30,52 +30,42 @@ RANDOM_SEED = 11
 MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
-def find_joints_at_poses(
-    robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
-) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at each of k given poses.
+def find_joints_at_pose(
+    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None
+) -> Array | None:
+    """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
-    Motors and springs stay as in q (1, nq). For each pose the configuration nearest to the reference is
-    returned, or None if none is found.
+    Motors and springs stay as in q (1, nq). The result is None if no configuration is found.
 
     Args:
-        positions: (k, 3) of the frame's origin.
-        rotations: (k, 3, 3) of the frame; None to leave them free.
+        position: (3,) of the frame's origin.
+        rotation: (3, 3) of the frame; None to leave the rotation free.
     """
-    # T = k STARTS_PER_POSE searches
-    targets = np.repeat(positions, STARTS_PER_POSE, axis=0)  # (T, 3)
-    target_rotations = None if rotations is None else np.repeat(rotations, STARTS_PER_POSE, axis=0)
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, 3 or 12) of the platform's frame from the targets, and slopes (T, .., nv)."""
-        offsets = (frames.position[:, 0] - targets) / robot.length
+        """Compute offsets (T, 3 or 12) of the platform's frame from the pose, and slopes (T, .., nv)."""
+        offsets = (frames.position[:, 0] - position) / robot.length
         slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
-        if target_rotations is None:
+        if rotation is None:
             return offsets, slopes
-        turns, turn_slopes = attitude_equations(frames, target_rotations)
+        turns, turn_slopes = attitude_equations(frames, rotation)
         return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
-    starts = np.tile(draw_starts(robot, q, robot.passive, STARTS_PER_POSE), (len(positions), 1))
-    q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
-
-    nearest_poses = list[Array | None]()
-    ends = q.reshape(-1, STARTS_PER_POSE, robot.model.nq)
-    for candidates, is_closed in zip(ends, closed.reshape(-1, STARTS_PER_POSE), strict=True):
-        poses = remove_whole_turns(robot, candidates[is_closed])
-        nearest_poses.append(min(poses, key=partial(distance_from_reference, robot), default=None))
-    return nearest_poses
+    starts = draw_starts(robot, q, robot.passive, STARTS_PER_POSE)
+    ends, closed = close_all_loops(robot, starts, robot.following, pose_equations)
+    poses = remove_whole_turns(robot, ends[closed])
+    return min(poses, key=partial(distance_from_reference, robot), default=None)
 
 
-def attitude_equations(frames: FrameStack, targets: Array) -> tuple[Array, Array]:
-    """Compute offsets (T, 9) of the platform frame's axes from the targets', and slopes (T, 9, nv).
+def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
+    """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
 
-    The targets are rotations, (3, 3) or (T, 3, 3). The derivative of an axis e along a joint that turns about
-    w_j is w_j x e.
+    The derivative of an axis e along a joint that turns about w_j is w_j x e.
     """
     axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
     turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
     slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, axis, nv, 3)
-    offsets = (axes - targets.swapaxes(-1, -2)).reshape(-1, 9)
+    offsets = (axes - rotation.T).reshape(-1, 9)
     return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
 
 
