@@ -123,11 +123,11 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     target = motor_joints_of(robot, q_a)
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
-    reference = robot.reference.q[None]
-    motor_step = target - robot.actuated_coordinates(reference)
-    q = integrate_columns(robot, reference, robot.actuated, motor_step)  # (1, nq) loops open
+    reference = robot.reference.q
+    motor_step = target - robot.actuated_coordinates(reference[None])[0]
+    q = integrate_columns(robot, reference, robot.actuated, motor_step)  # loops open
 
-    conditions = find_leg_conditions(robot, q[0])
+    conditions = find_leg_conditions(robot, q)
     if conditions is None:
         return _search_modes(robot, q)
     return _modes_at_displacements(robot, q, conditions.group, find_real_solutions(*conditions))
@@ -138,7 +138,7 @@ def _modes_at_displacements(
 ) -> AssemblyModes:
     """Find the modes at the platform displacements of a group that solve the leg conditions.
 
-    The motors stay as in q (1, nq). A displacement (R, p) moves the platform's frame from its reference pose
+    The motors stay as in q (nq,). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
     rotation is left free.
     """
@@ -167,7 +167,7 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, with the motors as in q (1, nq).
+    """Search modes by Newton's method from random starts, with the motors as in q (nq,).
 
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
     """
@@ -184,7 +184,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
     method = f"{RANDOM_STARTS} starts of Newton's method"
     status: Status = "at least"
-    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates):
+    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q, candidates):
         status = "proved"
         method += ", joints paved"
     return AssemblyModes(tuple(modes), status, bound=None, count=None, method=method)
@@ -342,7 +342,7 @@ class _Sampler(NamedTuple):
         """
         data = robot.model.createData()
         placements = []
-        for pose in draw_starts(robot, q[None], robot.passive, SAMPLE_POSES):
+        for pose in draw_starts(robot, q, robot.passive, SAMPLE_POSES):
             pin.forwardKinematics(robot.model, data, pose)
             placements.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(robot.model, data, robot.reference.q)

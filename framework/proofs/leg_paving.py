@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
@@ -346,7 +345,7 @@ class LeverChain(NamedTuple):
             is_inside |= is_joint
             # the chain up to this joint, with its link and its slide
             longer = length.copy()
-            longer[0] += _offset_length(model.jointPlacements[number])
+            longer[0] += np.linalg.norm(model.jointPlacements[number].translation)
             longer[0] += slid[joint.idx_v : joint.idx_v + joint.nv].sum()
             longer[1:] += is_joint & is_slide
             # a joint that carries the first frame is at the far end of its link
@@ -385,9 +384,4 @@ def _slide_lengths(robot: ParallelRobot, q: Array) -> Array:
 
 def _offset_on_body(robot: ParallelRobot, frame: int) -> float:
     """Return the distance [m] of a frame from its body's joint."""
-    return _offset_length(robot.model.frames[robot.frames[frame]].placement)
-
-
-def _offset_length(placement: pin.SE3) -> float:
-    """Return the length [m] of a placement's translation."""
-    return float(np.linalg.norm(placement.translation))
+    return float(np.linalg.norm(robot.model.frames[robot.frames[frame]].placement.translation))

@@ -35,7 +35,7 @@ def find_joints_at_pose(
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
-    Motors and springs stay as in q (1, nq). The result is None if no configuration is found.
+    Motors and springs stay as in q (nq,). The result is None if no configuration is found.
 
     Args:
         position: (3,) of the frame's origin.
@@ -109,7 +109,7 @@ def close_all_loops(
 
 
 def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
-    """Draw configurations (count, nq): q (1, nq) itself, then q with the joints `columns` at random.
+    """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
 
     Hinges turn by up to half a turn, slides move by up to a robot length.
     """
@@ -119,14 +119,14 @@ def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -
     return integrate_columns(robot, q, columns, steps)
 
 
-def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
+def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray | slice = slice(None)) -> Array:
     """Compute offsets (..., nv) [rad, m] of q (..., nq) from the reference.
 
-    Angles of hinges in `columns` are wrapped to within half a turn.
+    Angles of hinges in `columns`, by default all, are wrapped to within half a turn.
     """
     offset = difference(robot, robot.reference.q, q)
-    hinges = columns[~robot.sliding[columns]]
-    offset[..., hinges] = wrap_angles(offset[..., hinges])
+    chosen = offset[..., columns]
+    offset[..., columns] = np.where(robot.sliding[columns], chosen, wrap_angles(chosen))
     return offset
 
 

@@ -123,23 +123,18 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
-    starts = draw_starts(robot, robot.reference.q[None], columns, RANDOM_STARTS)
+    starts = draw_starts(robot, robot.reference.q, columns, RANDOM_STARTS)
     q, closed = close_all_loops(robot, starts, columns, platform_equations)
     q = q[closed]
     # an idle spin would make equal solutions differ
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
 
-    offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
+    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]
     solutions = []
     for leg in legs(robot):
         joints = offsets[:, leg.columns]
         solutions.append(joints[distinct_rows(joints)])
     return solutions
-
-
-def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges within half a turn."""
-    return shortest_offset(robot, q, np.arange(robot.model.nv))
 
 
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
@@ -169,7 +164,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
             return False
         no_solutions = solutions[:0]  # (0, k)
         return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, no_solutions, x)
-    offsets = _reference_offset(robot, q) / robot.column_scale
+    offsets = shortest_offset(robot, q) / robot.column_scale
     # modes with the same placement of the previous legs need one proof
     return all(
         are_leg_solutions_complete(robot, columns, fixed, q[mode], solutions - offsets[mode, columns], x)
@@ -191,7 +186,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
     is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
-    distances = np.abs(_reference_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
+    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
     modes = []
     for k in np.lexsort([distances, ~within_limits]):
         if is_closed[k]:
