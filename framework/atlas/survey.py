@@ -24,7 +24,7 @@ FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one mu
 SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
 SURVEY_REACH = 1.6  # [robot lengths, rad] half an edge of the first survey
 SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
-FINE_SURVEYS = 2  # further surveys, each of the window that the previous one has found
+SURVEYS = 3  # each of the window that the previous one has found
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +102,8 @@ def survey_window(
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    A first survey covers `SURVEY_REACH` about the point `at` with coarse poses. Each of `FINE_SURVEYS`
-    further surveys covers the window that the previous one has found.
+    The first of `SURVEYS` surveys covers `SURVEY_REACH` about the point `at` with coarse poses. Each further
+    one covers the window that the previous one has found.
 
     Args:
         axes: names of two platform coordinates; by default the first two, translations first.
@@ -127,7 +127,7 @@ def survey_window(
         constants=point,
     )
     window = bounds
-    for _ in range(1 + FINE_SURVEYS):
+    for _ in range(SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 

@@ -301,10 +301,10 @@ class _Decision(NamedTuple):
 class SingularBoxTest:
     """The test of boxes for one set of singular poses."""
 
-    bounds: DerivativeBounds
-    block: SingularSet
-    window: Array | None  # (2, n) least and largest platform coordinates
-    resolution: float  # [m, robot lengths]
+    bounds: DerivativeBounds  # of the robot's equations
+    block: SingularSet  # the block of dF/dq that loses rank
+    window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
+    resolution: float  # [m, robot lengths] largest width of a box with an arc
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut boxes.
@@ -313,6 +313,8 @@ class SingularBoxTest:
         arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
         """
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
+
+        # Krawczyk's test proves arcs in boxes that are a little wider
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         equations = self._singular_equations(derivatives, loops, boxes.radii, wider)
@@ -342,6 +344,7 @@ class SingularBoxTest:
         errors = derivatives.remainders(boxes.radii).values
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
         remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
+
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
@@ -387,8 +390,8 @@ class SingularBoxTest:
         """Narrow boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
         With two freedoms the set is a curve. Its parameter p is the joint along which the tangent leaves the
-        box first; along this joint the tested box is not wider than the box. With one freedom the set is a
-        point.
+        box first; along this joint the tested box is not wider than the box, and `wider` is changed. With one
+        freedom the set is a point.
         """
         robot = self.bounds.robot
         at_middle = equations.at_middle
