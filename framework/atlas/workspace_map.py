@@ -307,9 +307,9 @@ def _join_bands(
     reason = grids["reason"]
     was_filled = reason == PoseReason.REACHED
     border = np.zeros_like(was_filled)
-    for first in range(BAND_ROWS, len(x), BAND_ROWS):
-        border[first - 1] = ~was_filled[first - 1] & was_filled[first]
-        border[first] = ~was_filled[first] & was_filled[first - 1]
+    first = np.arange(BAND_ROWS, len(x), BAND_ROWS)  # first rows of all bands but the first one
+    border[first - 1] = ~was_filled[first - 1] & was_filled[first]
+    border[first] = ~was_filled[first] & was_filled[first - 1]
 
     for wanted in (border, ~was_filled):
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR

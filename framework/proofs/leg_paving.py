@@ -191,6 +191,7 @@ class LegEquations:
 
         A loop row counts if a joint of the leg moves it and no free joint does, and so do the coordinates x
         of the platform. They determine its attitude if they include all rotations: three, or one in a plane.
+        Arguments as in `are_leg_solutions_complete`; the platform's frame has the number 0.
         """
         carried = scratch_of(robot).carried
         rows = robot.rows
@@ -220,7 +221,7 @@ class LegEquations:
             kinds += ["position"] * len(platform.sliding)
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
-                kinds += ["attitude"] * 9
+                kinds += ["attitude"] * 9  # three coordinates of each axis
             chain_of = np.append(chain_of, np.full(len(kinds) - len(loops), len(chains)))
             chains.append(LeverChain.of(robot, own, slid, BASE, 0))
         return LegEquations(robot, own, q, x, loops, chains, chain_of, kinds, attitude)
