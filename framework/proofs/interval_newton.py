@@ -99,7 +99,7 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
     pivots = np.empty((S, m), dtype=np.intp)  # columns
-    box = np.arange(S)  # box, row and column, (S,) box, pick one entry of every box
+    box = np.arange(S)  # `box`, `row` and `column` (S,) pick one entry of every box
     for step in range(m):
         # the largest remaining entry is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)

@@ -413,9 +413,10 @@ class SingularBoxTest:
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 
-        # the arc runs along p, |p| <= reach, within a tube of radius `spread` about its tangent
-        tube = equations.x_errors + np.matvec(np.abs(equations.x_slopes), proof.spread)
-        x_radii = ROUND_UP * (np.abs(np.matvec(equations.x_slopes, proof.along)) * reach + tube)  # (S, n)
+        # the arc runs along p, |p| <= reach, within a tube about its tangent
+        half_length = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach  # (S, n)
+        x_radii = half_length + equations.x_errors + np.matvec(np.abs(equations.x_slopes), proof.spread)
+        x_radii *= ROUND_UP
         is_arc = proof.proved & ~remaining.empty
         is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         middles = boxes.sub_boxes(proof.lower, proof.upper).middle
