@@ -65,7 +65,7 @@ class StudyTask(NamedTuple):
     keys: tuple[str, ...]  # of `QUANTITIES`
 
     def robot(self, parameters: Mapping[str, float] | None = None) -> ParallelRobot:
-        """Return the robot with named parameters; by default those of its file."""
+        """Return the robot with named parameters, by default as declared in the file."""
         return ParallelRobot.from_file(self.file, flexibility=self.flexibility, parameters=parameters)
 
 

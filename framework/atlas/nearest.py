@@ -172,7 +172,7 @@ class _RaySegments(NamedTuple):
 
 
 class _Poses(NamedTuple):
-    """One pose, or K of them, by their configurations and their offsets from the centre."""
+    """One pose or K poses, by configuration and by offset from the centre."""
 
     q: Array  # (nq,) or (K, nq)
     z: Array  # (n,) or (K, n)

@@ -129,7 +129,10 @@ def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
 
 
 class LastColumns(NamedTuple):
-    """Enclosed solutions z of M z = e for S interval matrices M (k, k); e is the last unit vector."""
+    """Enclosed solutions z of M z = e for S interval matrices M (k, k).
+
+    e is the last unit vector, so z is the last column of the inverse.
+    """
 
     valid: BoolArray  # (S,) whether all matrices of the interval are regular
     z: Array  # (S, k) approximate solution for the middle of the interval
