@@ -45,8 +45,8 @@ Beyond these names:
 * `framework.laws.law`, `framework.laws.path`: what laws and paths of one's own have to be;
 * `framework.model.beams`: springs from a beam's section; `framework.dynamics.stiffness`,
   `framework.dynamics.loading`, `framework.dynamics.vibrations`: what they do;
-* `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins,
-  dimensions; `framework.atlas.nearest_pose`: the nearest pose to one out of reach;
+* `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins
+  and the nearest pose to one out of reach, dimensions;
   `framework.atlas.nonsingular_mode_change`: a way from one assembly mode to another;
   `framework.proofs.assembly_modes`: all modes of given motors, proved;
 * `framework.kinematics.continuation.forward_kinematics`: poses of many motor angles at once;

@@ -47,22 +47,26 @@ DOCUMENT = "study.json"
 
 
 class Designs(NamedTuple):
-    """D designs: the names of P parameters and their values (D, P)."""
+    """D designs: the names and values of P parameters."""
 
-    names: tuple[str, ...]
-    values: Array
+    names: tuple[str, ...]  # of the parameters
+    values: Array  # (D, P)
 
 
 class StudyTask(NamedTuple):
     """The robot file and the settings of the maps of a study."""
 
-    file: str
+    file: str  # robot file
     names: tuple[str, ...]  # of the parameters
-    flexibility: str
-    axes: tuple[str, str]
+    flexibility: str  # of the robots
+    axes: tuple[str, str]  # names of the two platform coordinates of the maps
     window: tuple[float, ...] | None  # least and largest value of each axis; None: the reach of each robot
     size: int  # poses along an edge
     keys: tuple[str, ...]  # of `QUANTITIES`
+
+    def robot(self, parameters: Mapping[str, float] | None = None) -> ParallelRobot:
+        """Return the robot with named parameters, by default as declared in the file."""
+        return ParallelRobot.from_file(self.file, flexibility=self.flexibility, parameters=parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +75,8 @@ class DesignStudy(ReadOnlyArrays):
 
     task: StudyTask
     designs: Designs
-    columns: Mapping[str, Array]  # (D,) see `units`
-    units: Mapping[str, str]
+    columns: Mapping[str, Array]  # (D,) by the names of `column_names`
+    units: Mapping[str, str]  # by the names of the columns
     why: tuple[str, ...]  # (D,) reason why a design has no map; empty if it has one
 
 
@@ -129,8 +133,7 @@ def design_study(
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
     why = tuple(columns.pop(WHY).tolist())  # reasons are a field of their own, not a column of numbers
-    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
-    return DesignStudy(task, designs, columns, column_units(robot, task), why)
+    return DesignStudy(task, designs, columns, column_units(task.robot(), task), why)
 
 
 def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
@@ -165,7 +168,7 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
 def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
     """Map the robot of one design (P,); return the statistics of the map by column."""
     parameters = dict(zip(task.names, design, strict=True))
-    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
+    robot = task.robot(parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
@@ -184,11 +187,13 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
     """
     reached = workspace.reached
     distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
-    nearest = np.argmin(np.where(reached, distance, np.inf))
+    nearest = np.argmin(np.where(reached, distance, np.inf))  # index of the flattened grid
     has_reference_mode = workspace.assembly == workspace.assembly.flat[nearest]
+
     masks = {"area": reached, "free_area": reached & has_reference_mode}
     if workspace.load is not None:
         masks["carried_area"] = reached & (workspace.load == LoadReason.CARRIED)
+
     cell_area = np.prod(workspace.window.cell)
     columns = {key: float(cell_area * mask.sum()) for key, mask in masks.items()}
     for quantity in workspace.quantities:
@@ -202,7 +207,7 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
     """Return the settings of a study, as a document of JSON."""
-    robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
+    robot = task.robot()
     return {
         "robot": robot.name,
         "robot_hash": robot_hash(robot),

@@ -54,6 +54,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
         "lower": window.lower.tolist(),
         "upper": window.upper.tolist(),
         "shape": list(window.shape),
+        # coordinates that are constant over the map
         "held": {names[k]: constants[k] for k in range(robot.n) if k not in window.axes},
         "quantities": [quantity.key for quantity in quantities],
         "wrench": find_wrench(quantities),
@@ -91,7 +92,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
 
 
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
-    """Write map.json, map.npz and map.csv into a folder."""
+    """Write map.json, map.npz and map.csv into a folder; return the files."""
     first, second = workspace.window.spans
     curves = workspace.locus.curves
     # empty arrays, so that a locus without curves is stored with the same number of columns
@@ -122,7 +123,16 @@ def write_document_and_arrays(
     arrays: Mapping[str, np.ndarray],
     table: Sequence[tuple[str, Sequence[Any]]],
 ) -> list[Path]:
-    """Write a document, and with the same stem its arrays (.npz) and a table of columns (.csv)."""
+    """Write a document, and with the same stem its arrays (.npz) and a table of columns (.csv).
+
+    Args:
+        file: of the document, JSON.
+        setup: settings, stored as JSON text in the array `setup`.
+        table: names and cells of the columns.
+
+    Returns:
+        The three files.
+    """
     array_file = file.with_suffix(".npz")
     table_file = file.with_suffix(".csv")
     file.write_text(json_text(document), encoding="utf-8")

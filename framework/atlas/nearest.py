@@ -1,46 +1,57 @@
-"""The singular pose nearest to a given pose: the margin from Type 2.
+"""The singular pose nearest to a given pose, and the pose nearest to a platform target out of reach.
 
-Rays start at the platform coordinates x of the pose in many directions. Continuation follows all of them at
-once until the branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method
-looks for the foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the
-locus. From y it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
+The distance to the nearest singular pose is the margin from Type 2 (`nearest_singular_pose`). Rays start at
+the platform coordinates x of the pose in many directions. Continuation follows all of them at once until the
+branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the
+foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. From y
+it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
 
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
 radius of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
 bounds differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
+
+The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
+search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled
+once per robot, on random walks from the reference, and searches start from the samples nearest to the target.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
-from framework.errors import InvalidInput
-from framework.kinematics.continuation.pose_search import distance_unit
+from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
+from framework.numerics.ordered_sums import singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
-RAYS = {1: 2, 2: 96, 3: 300}  # number of rays by the number of platform coordinates
-RAYS_IN_MORE = 600  # number of rays for platforms with more coordinates
-MAX_STARTS = 8  # of Newton's method, on the shortest rays that meet the locus
+RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
+MAX_STARTS = 8  # of Newton's method for foot points, on the shortest rays that meet the locus
 FAR_RATIO = 1.25  # segments that start beyond this ratio times the distance of the nearest end are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
+WALKS, WALK_STEPS = 64, 60  # random walks that sample poses; steps of each
+MAX_WALK_STEP = 0.1  # [robot lengths, rad]
+STARTS = 3  # largest number of searches for the pose nearest to a target
+START_DISTANCE = 2 * MAX_WALK_STEP  # least distance between their starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,47 +103,83 @@ def nearest_singular_pose(
             f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
             f"axis of the platform"
         )
+
     assembled = assembled_at(robot, q)
-    centre_q, centre = assembled.q[0], assembled.x[0]
+    centre = _Centre(robot, assembled.q[0], assembled.x[0])
     unit_length, unit = distance_unit(robot)
     reach = 0.5 if within is None else positive("within", within) / unit_length
     directions = _spread_directions(robot.n)
-    crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
-    nearest = _nearest_singular(robot, crossed, centre, reach)
-    leg_end = _type_1_distance(robot, ended, centre)
+    crossed, ended = _follow_rays(centre, directions * reach)
+    nearest = _nearest_singular(centre, crossed, reach)
+
     radius = reach if nearest is None else nearest.distance
-    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells)
-    pose: dict[str, Any] = {}
-    if nearest is not None:
-        twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
-        pose = {"distance": nearest.distance * unit_length, "x": nearest.x, "q": nearest.q, "twist": twist}
-    return NearestSingularPose(
+    proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
+    result = NearestSingularPose(
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         rays=len(directions),
-        leg_end=leg_end * unit_length,
-        **pose,
+        leg_end=_type_1_distance(centre, ended) * unit_length,
     )
+    if nearest is None:
+        return result
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
+    x = centre.coordinates(nearest.z)
+    return replace(result, distance=radius * unit_length, x=x, q=nearest.q, twist=twist)
 
 
-class RaySegments(NamedTuple):
+class _Centre(NamedTuple):
+    """The pose at the start of all rays.
+
+    Other poses have offsets z (.., n) from its platform coordinates [robot lengths, rad].
+    """
+
+    robot: ParallelRobot
+    q: Array  # (nq,)
+    x: Array  # (n,) platform coordinates
+
+    def coordinates(self, z: Array) -> Array:
+        """Return the platform coordinates (.., n) at offsets z (.., n)."""
+        return self.x + z * self.robot.platform_scale
+
+    def step(self, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
+        """Continue configurations q (T, nq) from offsets `start` to `end` (T, n), see `step_poses`."""
+        return step_poses(self.robot, q, self.coordinates(start), self.coordinates(end), parts)
+
+    def signs_of_g(self, q: Array) -> Array:
+        """Compute the sign of g (T,) at q (T, nq)."""
+        return np.linalg.slogdet(self.type2_matrices(q)).sign
+
+    def compute_g(self, q: Array) -> Array:
+        """Compute g (T,) at q (T, nq), with the border vectors of the first pose for all."""
+        return bordered_solution(self.type2_matrices(q), border_of=0).g
+
+    def type2_matrices(self, q: Array) -> Array:
+        """Compute the matrices (T, s, s) at q (T, nq) that lose rank at Type 2."""
+        return type2_matrix(self.robot, linearised_at(self.robot, q, None))
+
+
+class _RaySegments(NamedTuple):
     """The last segments of K rays, in which g changes its sign or the branch ends.
 
     Each segment leads from a reached pose to a point that is not reached, or where g has the other sign.
     """
 
     q: Array  # (K, nq) at the start
-    start: Array  # (K, n) platform coordinates
-    end: Array  # (K, n) platform coordinates
+    start: Array  # (K, n) offsets from the centre
+    end: Array  # (K, n) offsets from the centre
 
 
-class PoseAtDistance(NamedTuple):
-    """A pose with its distance from the centre of the rays."""
+class _Poses(NamedTuple):
+    """One pose or K poses, by configuration and by offset from the centre."""
 
-    distance: float  # [robot lengths, rad]
-    x: Array  # (n,)
-    q: Array  # (nq,)
+    q: Array  # (nq,) or (K, nq)
+    z: Array  # (n,) or (K, n)
+
+    @property
+    def distance(self) -> Any:
+        """Distance from the centre [robot lengths, rad], or distances (K,)."""
+        return np.linalg.norm(self.z, axis=-1)
 
 
 def _spread_directions(n: int) -> Array:
@@ -142,199 +189,234 @@ def _spread_directions(n: int) -> Array:
     by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
     height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
-    count = RAYS.get(n, RAYS_IN_MORE)
+    count = RAYS[n]
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
-        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.column_stack([np.cos(angle), np.sin(angle)])
     if n == 3:
         z = 1 - (2 * k + 1) / count
         angle = np.pi * (1 + np.sqrt(5)) * k
         radius = np.sqrt(1 - z**2)
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     return np.concatenate([np.eye(n), -np.eye(n), random])
 
 
-def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the sign of g (T,) at q (T, nq)."""
-    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, None)))[0]
-
-
-def _follow_rays(
-    robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
-) -> tuple[RaySegments, RaySegments]:
-    """Follow rays from x (n,); return segments with sign changes of g, segments with ends.
+def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegments]:
+    """Follow rays (K, n) from the centre; return segments with sign changes of g, segments with ends.
 
     A ray ends with its first segment in which g changes its sign or the branch ends.
-
-    Args:
-        q: configuration (nq,) at x.
-        directions: unit vectors (K, n) [robot lengths, rad].
-        reach: length of the rays [robot lengths, rad].
     """
-    rays = directions * robot.platform_scale
-    count = max(int(np.ceil(reach / RAY_STEP)), 1)
-    ray_q = np.repeat(q[None], len(rays), axis=0)  # (rays still followed, nq)
-    sign = _sign_of_g(robot, q[None])
-    crossed: list[RaySegments] = []
-    ended: list[RaySegments] = []
+    count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # all rays are of one length
+    q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
+    sign = centre.signs_of_g(q[:1])
+    crossed: list[_RaySegments] = []
+    ended: list[_RaySegments] = []
     for k in range(count):
-        start = x + rays * (reach * k / count)
-        end = x + rays * (reach * (k + 1) / count)
-        step = step_poses(robot, ray_q, start, end, STEP_PARTS)
+        segments = _RaySegments(q, rays * (k / count), rays * ((k + 1) / count))
+        step = centre.step(*segments, STEP_PARTS)
+
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
-        is_crossed[is_reached] = _sign_of_g(robot, step.q[is_reached]) != sign
-        segments = RaySegments(ray_q, start, end)
+        is_crossed[is_reached] = centre.signs_of_g(step.q[is_reached]) != sign
         crossed.append(select(segments, is_crossed))
         ended.append(select(segments, ~is_reached))
+
         continues = is_reached & ~is_crossed
-        ray_q = step.q[continues]
+        q = step.q[continues]
         rays = rays[continues]
         if not len(rays):
             break
-    return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
+    return _join_nearest(crossed), _join_nearest(ended)
 
 
-def _nearest_singular(
-    robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float
-) -> PoseAtDistance | None:
-    """Find the singular pose nearest to x (n,) within reach, starting from sign changes of g.
+def _join_nearest(segments: list[_RaySegments]) -> _RaySegments:
+    """Join the segments that start within FAR_RATIO times the distance of the nearest end."""
+    joined = join(segments)
+    nearest_end = np.linalg.norm(joined.end, axis=1).min(initial=np.inf)
+    return select(joined, np.linalg.norm(joined.start, axis=1) <= FAR_RATIO * nearest_end)
+
+
+def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
+    """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding.
     """
-    sign_changes = _locate_ends(robot, crossed, x)  # nearest first
-    candidates = [_find_foot(robot, pose, x) for pose in sign_changes[:MAX_STARTS]]
-    candidates += [pose for pose in sign_changes if _is_singular(robot, pose)][:1]
+    ends = _locate_ends(centre, crossed)
+    is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
+    candidates = [_find_foot(centre, select(ends, k)) for k in range(len(ends.q))[:MAX_STARTS]]
+    candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
     return min(within_reach, key=lambda pose: pose.distance, default=None)
 
 
-def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> float:
-    """Compute the distance of x (n,) from the nearest Type 1 end; infinite without one."""
-    ends = _locate_ends(robot, ended, x)
-    return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
+def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
+    """Compute the distance of the centre from the nearest Type 1 end; infinite without one."""
+    ends = _locate_ends(centre, ended)
+    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, None))
+    is_type_1 = _least_singular_values(matrices) < TYPE_1_END
+    return float(ends.distance[is_type_1].min(initial=np.inf))
 
 
-def _join_nearest(segments: list[RaySegments], robot: ParallelRobot, x: Array) -> RaySegments:
-    """Join the segments that start within FAR_RATIO times the distance of the nearest end.
-
-    Distances are from x (n,).
-    """
-    joined = join(segments)
-    start_distances = _platform_distances(robot, joined.start, x)
-    end_distances = _platform_distances(robot, joined.end, x)
-    return select(joined, start_distances <= FAR_RATIO * end_distances.min(initial=np.inf))
+def _least_singular_values(matrices: Array) -> Array:
+    """Compute the least singular values (K,) of square matrices (K, s, s)."""
+    return singular_values(matrices)[:, -1]
 
 
-def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
-    """Compute distances (...) of y (..., n) from x (n,) [robot lengths, rad]."""
-    return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
-
-
-def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[PoseAtDistance]:
-    """Locate the last poses before sign changes or ends of branches, nearest to x (n,) first.
+def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
+    """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
     The nearest pose is located to rounding; for the others a few halvings are enough.
     """
-    coarse = _bisect_segments(robot, segments, COARSE_HALVINGS)
-    order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
-    nearest = select(coarse, order[:1])
-    fine = _bisect_segments(robot, nearest, MAX_HALVINGS - COARSE_HALVINGS)
+    coarse = _bisect_segments(centre, segments, COARSE_HALVINGS)
+    order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
+    fine = _bisect_segments(centre, select(coarse, order[:1]), MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
-    distances = _platform_distances(robot, ends.start, x).tolist()
-    return list(map(PoseAtDistance, distances, ends.start, ends.q))
+    return _Poses(ends.q, ends.start)
 
 
-def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int) -> RaySegments:
+def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
     """Advance the starts of segments (K,) towards the sign change or end, by bisection.
 
     A step is repeated while it is accepted, and halved when it is refused. A simple bisection does not work:
     near the end of a branch a long step may not be trusted although a shorter one is.
     """
-    q, start, end = segments
-    q = q.copy()
-    sign = _sign_of_g(robot, q)
+    q = segments.q.copy()
+    length = segments.end - segments.start  # (K, n) as vectors
+    sign = centre.signs_of_g(q)
     fraction = np.zeros(len(q))  # of each segment that has been passed
     size = np.full(len(q), 0.5)  # fraction of the segment that the next step takes
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         next_fraction = (fraction + size)[live]
-        direction = (end - start)[live]
-        step_start = start[live] + direction * fraction[live, None]
-        step_end = start[live] + direction * next_fraction[:, None]
-        step = step_poses(robot, q[live], step_start, step_end)
+        step_start = segments.start[live] + length[live] * fraction[live, None]
+        step_end = segments.start[live] + length[live] * next_fraction[:, None]
+        step = centre.step(q[live], step_start, step_end)
+
         accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
-        accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
+        accepted[accepted] = centre.signs_of_g(step.q[accepted]) == sign[live[accepted]]
+
         q[live[accepted]] = step.q[accepted]
         fraction[live[accepted]] = next_fraction[accepted]
         size[live[~accepted]] *= 0.5
-    return RaySegments(q, start + (end - start) * fraction[:, None], end)
+    return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _is_singular(robot: ParallelRobot, hit: PoseAtDistance) -> bool:
-    """Return whether g is zero to rounding at a pose."""
-    return bool(abs(_compute_g(robot, hit.q[None])[0]) < RANK_LOST)
+def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
+    """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
-
-def _is_type_1(robot: ParallelRobot, end: PoseAtDistance) -> bool:
-    """Return whether a pose is singular of Type 1, within TYPE_1_END."""
-    matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
-    least_singular_value = np.linalg.svd(matrix, compute_uv=False)[0, -1]
-    return bool(least_singular_value < TYPE_1_END)
-
-
-def _compute_g(robot: ParallelRobot, q: Array) -> Array:
-    """Compute g (T,) at q (T, nq), with the border vectors of the first pose for all."""
-    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), border_of=0).g
-
-
-def _find_foot(robot: ParallelRobot, hit: PoseAtDistance, x: Array) -> PoseAtDistance | None:
-    """Find the foot point of x (n,) by Newton's method; None without convergence.
-
-    The method starts at y, the pose `hit`. Each step leads from y to the point of the linearised locus that
-    is nearest to x, or RAY_STEP towards this point. In scaled coordinates, with the slopes a of g, the point
-    is x + a (a . (y - x) - g) / |a|^2.
+    Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
+    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2.
     """
-    scale = robot.platform_scale
-    _, y, q = hit
+    q, z = pose
     for _ in range(MAX_FOOT_STEPS):
-        linearised = _linearise_g(robot, q, y)
+        linearised = _linearise_g(centre, q, z)
         if linearised is None:
             return None
         g, a = linearised
         square = a @ a
         if not square > 0:
             return None
-        target = x + scale * a * (a @ ((y - x) / scale) - g) / square
-        distance = float(_platform_distances(robot, target, y))
+        step = a * (a @ z - g) / square - z
+        distance = float(np.linalg.norm(step))
         if distance < NEWTON_STEP:
-            if not abs(g) < RANK_LOST:
-                return None
-            return PoseAtDistance(float(_platform_distances(robot, y, x)), y, q)
+            return _Poses(q, z) if abs(g) < RANK_LOST else None
 
-        next_y = y + min(1.0, RAY_STEP / distance) * (target - y)
-        step = step_poses(robot, q[None], y[None], next_y[None], STEP_PARTS)
-        if step.reason[0] != PoseReason.REACHED:
+        next_z = z + min(1.0, RAY_STEP / distance) * step
+        end = centre.step(q[None], z[None], next_z[None], STEP_PARTS)
+        if end.reason[0] != PoseReason.REACHED:
             return None
-        q = step.q[0]
-        y = next_y
+        q = end.q[0]
+        z = next_z
     return None
 
 
-def _linearise_g(robot: ParallelRobot, q: Array, y: Array) -> tuple[float, Array] | None:
-    """Compute g and its slopes (n,) in scaled coordinates at q (nq,), y (n,).
+def _linearise_g(centre: _Centre, q: Array, z: Array) -> tuple[float, Array] | None:
+    """Compute g and its slopes (n,) along z at q (nq,), z (n,).
 
-    The slopes are central differences between neighbours of y along the axes. The result is None if a
+    The slopes are central differences between neighbours of z along the axes. The result is None if a
     neighbour is not reached, near an end of the branch.
     """
-    unit_steps = np.concatenate([np.zeros((1, robot.n)), np.eye(robot.n), -np.eye(robot.n)])
-    neighbours = y + unit_steps * DIFFERENCE_STEP * robot.platform_scale  # (2 n + 1, n), y itself first
+    units = np.eye(len(z))
+    neighbours = z + DIFFERENCE_STEP * np.concatenate([0 * units[:1], units, -units])  # (2 n + 1, n), z first
     copies = (len(neighbours), 1)
-    step = step_poses(robot, np.tile(q, copies), np.tile(y, copies), neighbours)
+    step = centre.step(np.tile(q, copies), np.tile(z, copies), neighbours)
     if (step.reason != PoseReason.REACHED).any():
         return None
-    g = _compute_g(robot, step.q)
+    g = centre.compute_g(step.q)
     g_forward, g_backward = np.split(g[1:], 2)
     return g[0], (g_forward - g_backward) / (2 * DIFFERENCE_STEP)
+
+
+# ------------------------------------------------------------------ targets out of reach
+
+
+def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
+    """Find the pose nearest to platform coordinates x (n,) within the joints' ranges.
+
+    The pose is joined to the reference by steps within the ranges, on which every leg keeps its working mode.
+    The steps may cross Type 2 singularities. The pose is the best result of a few local searches, without a
+    proof that no other pose is nearer. The first call for a robot samples poses, which takes about a second.
+
+    Raises:
+        InvalidInput: not n finite numbers; the platform does not determine the joints.
+    """
+    expect_robot(robot)
+    target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
+    search = PoseSearch(robot)
+    sampled_q, sampled_x = _sample_poses(robot)
+    ends: list[NearestPose] = []
+    for k in _choose_starts((sampled_x - target) / robot.platform_scale):
+        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:  # the target is reached
+            break
+    return min(ends, key=lambda pose: pose.distance)
+
+
+def _choose_starts(offsets: Array) -> list[int]:
+    """Return indices of samples near the target, START_DISTANCE apart, nearest first.
+
+    Args:
+        offsets: (S, n) of the samples from the target [robot lengths, rad].
+    """
+    starts: list[int] = []
+    distances = np.linalg.norm(offsets, axis=1)
+    while len(starts) < STARTS and np.isfinite(distances).any():
+        start = int(np.argmin(distances))
+        starts.append(start)
+        is_close = np.linalg.norm(offsets - offsets[start], axis=1) < START_DISTANCE
+        distances[is_close] = np.inf
+    return starts
+
+
+@lru_cache(maxsize=8)
+def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
+    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
+
+    Each random walk keeps its direction until a step is refused, at Type 1 or the end of a range. Then it
+    continues in a new random direction.
+    """
+    random = np.random.default_rng(0)
+    q = np.tile(robot.reference.q, (WALKS, 1))
+    x = np.tile(robot.reference.x, (WALKS, 1))
+    samples_q = [q]
+    samples_x = [x]
+    direction = np.zeros_like(x)
+    accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
+    for _ in range(WALK_STEPS):
+        # walks that were refused take a new direction
+        new_direction = random.standard_normal(x.shape)
+        new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
+        direction[~accepted] = new_direction[~accepted]
+
+        length = MAX_WALK_STEP * random.random((WALKS, 1))
+        target = x + direction * length * robot.platform_scale
+        step = step_poses(robot, q, x, target)
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)
+        accepted = (step.reason == PoseReason.REACHED) & ~beyond
+        q = np.where(accepted[:, None], step.q, q)
+        x = np.where(accepted[:, None], target, x)
+        samples_q.append(q)
+        samples_x.append(x)
+    return np.concatenate(samples_q), np.concatenate(samples_x)

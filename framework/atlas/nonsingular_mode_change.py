@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.forward_kinematics import follow_motors
+from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -23,7 +24,7 @@ from framework.singularity.traced_locus import LocusCurve, LocusPoint, TracedLoc
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-CIRCLE_STEPS = 24
+CIRCLE_STEPS = 24  # of the motors around a circle
 # [rad, robot lengths] radii of the circles that are tried in turn
 CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
@@ -57,12 +58,13 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput(f"locus: needs one that was traced in two motors of {robot.name}, see `free`")
     curve = _find_curve(locus, cusp)
-    free = [robot.actuator_names.index(name) for name in locus.free]
+    free = [robot.actuator_names.index(name) for name in locus.free]  # the two motors
     scale = robot.column_scale[robot.actuated][free]
     opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
+
     # the circle starts between the arms of the locus
     angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
-    unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (T, 2)
+    unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])  # (T, 2)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)
         motors[:, free] += radius * scale * unit_circle
@@ -82,16 +84,14 @@ def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
 
 
 def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
-    """Compute the direction (n_a,) of the motors into which a cusp opens.
+    """Compute the direction (n_a,) [rad, m] of the motors into which a cusp of a curve opens.
 
     The direction leads from the cusp to the midpoint between the points of the curve on both arms next to the
     cusp.
     """
-    scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0  # balls have no scale per nq
-    distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
+    distance = np.linalg.norm(difference(robot, cusp.q, curve.q) / robot.column_scale, axis=1)
     nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # an inner point of the curve
-    offset = curve.motors[nearest] - cusp.motors
-    turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)  # angles may differ by whole turns
+    turns = whole_turns(curve.motors[nearest] - cusp.motors)  # by which the curve's angles may be off
     midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
     return midpoint - (cusp.motors + turns)
 
@@ -103,21 +103,18 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
     """
 
     def distance(x: Array, y: Array) -> float:
+        """Return the distance of platform coordinates x and y (n,) [robot lengths, rad]."""
         return float(np.linalg.norm((x - y) / robot.platform_scale))
 
     modes = assembly_modes(robot, motors[0]).modes
     for mode in sorted(modes, key=lambda mode: distance(mode.x, cusp.x))[:3]:
-        q = [mode.q]
-        x = [mode.x]
         try:
-            for target in motors[1:]:
-                pose = forward_kinematics(robot, target, near=q[-1])
-                q.append(pose.q)
-                x.append(pose.x)
+            poses = list(follow_motors(robot, motors, near=mode.q))
         except NotAssembled:  # the circle meets the locus
             continue
+        q = np.array([pose.q for pose in poses])
+        x = np.array([pose.x for pose in poses])
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
-            poses = np.array(q)
-            g = singularity_measure(robot, linearised_at(robot, poses, None)).g
-            return AssemblyModeChange(cusp, motors, poses, np.array(x), g)
+            g = singularity_measure(robot, linearised_at(robot, q, None)).g
+            return AssemblyModeChange(cusp, motors, q, x, g)
     return None

@@ -32,8 +32,8 @@ class Poses(ReadOnlyArrays):
 
     robot: ParallelRobot
     q: Array  # (T, nq)
-    linearised: LinearisedLoops
-    wrench: Array | None  # (n,) see `loaded_stack`
+    linearised: LinearisedLoops  # at q
+    wrench: Array | None  # (n,) external wrench ON the platform [N, N m], see `loaded_stack`
 
     @cached_property
     def distances(self) -> Distances:
@@ -57,30 +57,29 @@ class Poses(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a map: `name` in words, `unit` as printed."""
+    """A quantity of a map."""
 
-    key: str
-    name: str
-    unit: str
-    large_is_good: bool = True
+    key: str  # by which options and files name the quantity
+    name: str  # in words
+    unit: str  # as printed, for most robots; see `quantity_unit`
+    large_is_good: bool = True  # whether large values are good, for the colours
     decades: bool = False  # whether it is drawn on a logarithmic scale
     signed: bool = False  # whether its sign has a meaning
     springs: bool = False  # whether it needs a robot with springs
     loaded: bool = False  # whether it is computed at poses deflected by weight and `wrench`
-    holding: bool = False  # whether it is a torque that balances weight and `wrench`; needs torque limits
     wrench: tuple[float, ...] | None = None  # (n,) external wrench ON the platform [N, N m]
 
     @property
     def takes_wrench(self) -> bool:
         """Whether the quantity depends on the wrench."""
-        return self.loaded or self.holding
+        return self.loaded or self.key == "holding"
 
 
 def holding_torque_ratio(poses: Poses) -> Array:
     """Compute the largest motor torque at rest over its limit (T,).
 
-    Motors without a limit do not count. The torques balance weight, springs and wrench at the deflections of
-    q, without dry friction. They grow without bound towards Type 2.
+    Motors without a limit do not count: their limit is infinite. The torques balance weight, springs and
+    wrench at the deflections of q, without dry friction. They grow without bound towards Type 2.
     """
     robot = poses.robot
     forces = static_forces(robot, poses.q)  # (T, nv) generalised
@@ -116,9 +115,7 @@ QUANTITIES = {
             large_is_good=False,
             decades=True,
         ),
-        Quantity(
-            "holding", "largest motor torque at rest over its limit", "1", large_is_good=False, holding=True
-        ),
+        Quantity("holding", "largest motor torque at rest over its limit", "1", large_is_good=False),
         Quantity(
             "stiffness",
             "stiffness in the softest direction, motors locked",
@@ -180,6 +177,7 @@ def choose_quantities(
         names += ["torque"] if robot.translations.any() else []
         names += ["stiffness", "frequency"] if has_springs else []
     names = ["g", *names]
+
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
@@ -189,14 +187,15 @@ def choose_quantities(
                 f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
                 f"flexible_joints or flexible_links"
             )
-        if quantity.holding and not has_torque_limits(robot):
+        if name == "holding" and not has_torque_limits(robot):
             raise InvalidInput(f"quantity {name}: no motor of {robot.name} has a torque_limit")
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
                 f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} "
                 f"only turns"
             )
-    quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))  # each once
+
     if wrench is None:
         return quantities
     if not any(quantity.takes_wrench for quantity in quantities):

@@ -16,9 +16,15 @@ from framework.errors import InvalidInput, NoAnswer, OutOfReach, finite_numbers,
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
-MAX_EDGE_POSES = 4000  # poses along an edge
+EDGE_POSES, MAX_EDGE_POSES = 200, 4000  # poses along an edge of a map: usual and largest number
+MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
+FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one must be assembled
+SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
+SURVEY_REACH = 1.6  # [robot lengths, rad] half an edge of the first survey
+SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
+SURVEYS = 3  # each of the window that the previous one has found
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,28 +78,18 @@ def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[
         raise InvalidInput(
             f"{robot.name}: a map needs two platform coordinates, it has {', '.join(robot.axis_names)} alone"
         )
-    if names is not None:
-        if len(set(names)) != 2 or not set(names) <= set(robot.axis_names):
-            raise InvalidInput(
-                f"axes of a map: needs two of {', '.join(robot.axis_names)}, got {', '.join(names)}"
-            )
-        return robot.axis_names.index(names[0]), robot.axis_names.index(names[1])
-    first, second = np.argsort(~robot.translations, kind="stable")[:2].tolist()
-    return first, second
+    if names is None:
+        names = [robot.axis_names[k] for k in np.argsort(~robot.translations, kind="stable")[:2]]
+    if len(set(names)) != 2 or not set(names) <= set(robot.axis_names):
+        raise InvalidInput(
+            f"axes of a map: needs two of {', '.join(robot.axis_names)}, got {', '.join(names)}"
+        )
+    return robot.axis_names.index(names[0]), robot.axis_names.index(names[1])
 
 
 def map_point(robot: ParallelRobot, point: ArrayLike | None) -> Array:
     """Return the platform point (n,) that a map contains; by default the reference."""
     return robot.reference.x if point is None else finite_numbers("at", point, robot.n)
-
-
-EDGE_POSES = 200  # poses along an edge
-MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
-FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one must be assembled
-SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
-SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first survey
-SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
-FINE_SURVEYS = 2  # further surveys, each of the window that the previous one has found
 
 
 def survey_window(
@@ -106,8 +102,8 @@ def survey_window(
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    A first survey covers `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at` with coarse
-    poses. Each of `FINE_SURVEYS` further surveys covers the window that the previous one has found.
+    The first of `SURVEYS` surveys covers `SURVEY_REACH` about the point `at` with coarse poses. Each further
+    one covers the window that the previous one has found.
 
     Args:
         axes: names of two platform coordinates; by default the first two, translations first.
@@ -122,7 +118,7 @@ def survey_window(
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
     middle = point[list(columns)]
-    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
+    half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
     bounds = Window(
         axes=columns,
         lower=middle - half_edges,
@@ -131,7 +127,7 @@ def survey_window(
         constants=point,
     )
     window = bounds
-    for _ in range(1 + FINE_SURVEYS):
+    for _ in range(SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 
@@ -159,6 +155,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
         InvalidInput: the window is too wide.
         OutOfReach: no pose near the reference is reached.
     """
+    # the grid of all poses that are computed; only those of the window are returned
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)
     if max(rows, columns) > MAX_EDGE_POSES:
@@ -167,31 +164,44 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
             f"window: {width:.3g} robot lengths wide is more than poses can be followed over; "
             f"lengths are in m"
         )
-    x = replace(window, shape=(rows, columns)).points()
+    x = replace(window, shape=(rows, columns)).points()  # (rows, columns, n)
     q = np.full((rows, columns, robot.model.nq), np.nan)
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
+
+    # the coarse poses, from those nearest to the reference
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]  # flat indices
-    first_poses = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
-    refusal: NoAnswer | None = None
-    for i, j in first_poses:
+    candidates = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
+    i, j, first_q = _assemble_first(robot, x, candidates)
+    q[i, j] = first_q
+    reason[i, j] = PoseReason.REACHED
+    fill_grid(robot, x, q, reason, [stride])
+    window_poses = np.s_[::subdivisions, ::subdivisions]
+    return q[window_poses].copy(), reason[window_poses].copy()
+
+
+def _assemble_first(robot: ParallelRobot, x: Array, candidates: IntArray) -> tuple[int, int, Array]:
+    """Assemble one of the poses x (I, J, n); return its indices i, j and its configuration (nq,).
+
+    The candidates (c, 2) are tried in turn.
+
+    Raises:
+        OutOfReach: none of them is reached; gives the reason of the first.
+    """
+    refusals = list[NoAnswer]()
+    for i, j in candidates:
         try:
-            q[i, j] = assemble(robot, x[i, j]).q
+            return i, j, assemble(robot, x[i, j]).q
         except NoAnswer as error:
-            refusal = refusal or error
-            continue
-        reason[i, j] = PoseReason.REACHED
-        fill_grid(robot, x, q, reason, [stride])
-        window_poses = np.s_[::subdivisions, ::subdivisions]
-        return q[window_poses].copy(), reason[window_poses].copy()
+            refusals.append(error)
     raise OutOfReach(
-        f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
+        f"{robot.name}: no pose of the map near the reference is reached from there: {refusals[0]}",
         q=robot.reference.q,
         residual=robot.reference.residual,
         s=0.0,
         platform=robot.reference.x,
         joint="",
-    ) from refusal
+    ) from refusals[0]
 
 
 def longest_cell_edge(robot: ParallelRobot, window: Window) -> float:

@@ -2,8 +2,8 @@
 
 A pose is predicted from a neighbour along the tangent and corrected by Newton's method. It is accepted as
 part of the neighbour's branch only if the correction is small and no Type 1 singularity lies between: rules
-of `predictor_corrector`, here for a stack of steps. Coarse poses are reached first, then the
-poses between them with half the stride, and so on: each pose is computed once, and stacks are long.
+of `predictor_corrector`, here for a stack of steps. Coarse poses are reached first, then the poses between
+them with half the stride, and so on: each pose is computed once, and stacks are long.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
-from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.continuation.predictor_corrector import measure_steps
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks, linearised_at
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
@@ -25,9 +26,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import BRANCHES_CROSS
 
-NEWTON_STEPS = 10  # at most to correct a prediction
-MAX_JOINT_STEP = 0.5  # [rad, lengths] largest motion of a joint in a Newton step
-
+NEWTON_STEPS = 10  # largest number that corrects a prediction
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
 
@@ -55,8 +54,8 @@ REASON_WORDS = {
 class StepEnds(NamedTuple):
     """The ends of steps from T poses."""
 
-    q: Array  # (T, nq)
-    reason: ReasonArray  # (T,) `PoseReason`
+    q: Array  # (T, nq) configurations, valid where the step was accepted
+    reason: ReasonArray  # (T,) REACHED where the step was accepted, else why not
 
 
 def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: Sequence[int]) -> None:
@@ -86,10 +85,11 @@ def _fill_lattice(
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
     not been tried before. A step that is not trusted is divided into `parts`. If a pose fails for several
-    reasons, the largest is stored.
+    reasons, the largest is stored. Arguments as in `fill_grid`; `wanted` (I, J) marks the poses to fill.
     """
-    untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
+    untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
     while True:
+        # choose one neighbour for each pose
         filled = np.isfinite(q[..., 0])
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
@@ -100,6 +100,7 @@ def _fill_lattice(
             sources[chosen] = np.argwhere(chosen) - (down, right)
         if not is_target.any():
             return
+
         i, j = sources[is_target].T
         step = step_poses(robot, q[i, j], x[i, j], x[is_target], parts)
         reached = step.reason == PoseReason.REACHED
@@ -122,6 +123,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     refused = np.flatnonzero(step.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(refused):
         return step
+
     step.q[refused] = q[refused]  # back to the start
     live = refused  # steps whose parts have all been accepted so far
     for k in range(parts):
@@ -139,71 +141,60 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
-    A step is accepted if the correction is small compared with the prediction, and if it ends in the same
-    working mode and on the same branch.
+    A step that closes the loops is accepted if its correction is small, if it ends in the same working mode,
+    and if it stays on its branch: the tangent turns little, or no branches cross at the end.
     """
+    # predict
     linearised = linearised_at(robot, q, start)
-    start_twist, _ = robot.platform.twist(start, end - start)  # the platform's step, as a twist
-    end_twist, _ = robot.platform.twist(end, end - start)
-    prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))  # (T, nv) step
+    start_twist = robot.platform.twist(start, end - start)[0]  # the platform's step, as a twist
+    end_twist = robot.platform.twist(end, end - start)[0]
+    # (T, nv) step along the tangent, springs at rest
+    prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, prediction)
+
+    # correct, and judge the steps that close
     corrected, end_linearised, closed = close_each(
-        robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
+        robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_NEWTON_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    with np.errstate(invalid="ignore"):  # of steps that do not close
-        correction = largest_motion(robot, difference(robot, predicted, corrected))
-        advance = largest_motion(robot, prediction)
-        is_near = closed & is_small(correction, advance)
-        same_mode = np.flatnonzero(_keep_working_mode(robot, linearised, end_linearised, is_near))
-        is_same_branch = _keep_branch(
-            robot,
-            end_linearised.select(same_mode),
-            end_twist[same_mode],
-            prediction[same_mode],
-            correction[same_mode],
-            advance[same_mode],
-        )
-    reason[same_mode[is_same_branch]] = PoseReason.REACHED
+    kept = np.flatnonzero(closed)
+    accepted = _accept_steps(
+        robot,
+        linearised.select(kept),
+        end_linearised.select(kept),
+        end_twist[kept],
+        prediction[kept],
+        difference(robot, predicted[kept], corrected[kept]),
+    )
+    reason[kept[accepted]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
-def _keep_working_mode(
-    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, candidates: BoolArray
-) -> BoolArray:
-    """Return a mask (T,) of the candidate steps with the same working mode at both ends.
-
-    If the determinant keeps its sign, the mode is the same. Otherwise the modes themselves are compared.
-    """
-    has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
-    is_kept = candidates.copy()
-    for k in np.flatnonzero(candidates & ~has_same_sign).tolist():
-        is_kept[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
-    return is_kept
-
-
-def _keep_branch(
+def _accept_steps(
     robot: ParallelRobot,
+    start: LinearisedLoops,
     end: LinearisedLoops,
     end_twist: Array,
     prediction: Array,
     correction: Array,
-    advance: Array,
 ) -> BoolArray:
-    """Return a mask (k,) of the steps that end on the branch of their start.
+    """Return a mask (k,) of the steps that keep working mode and branch.
 
-    A step stays on its branch if its tangent turns little, see `is_straight`, or if no branches cross at its
-    end.
+    If the determinant keeps its sign, the working mode is the same. Otherwise the modes themselves are
+    compared.
 
     Args:
-        end: loops at the ends of the steps.
+        start, end: loops at the ends of the steps.
         end_twist: platform's steps (k, n) as twists at the ends.
         prediction: joints' steps (k, nv) along the tangents at the starts.
-        correction, advance: largest motions (k,) of correction and prediction [rad, robot lengths].
+        correction: offsets (k, nv) from the predicted to the closed configurations.
     """
-    end_tangent = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
-    tangent_change = largest_motion(robot, end_tangent - prediction)
-    is_same = is_straight(tangent_change, correction, advance)
-    turned = np.flatnonzero(~is_same)
-    is_same[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
-    return is_same
+    end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
+    measure = measure_steps(robot, correction, prediction, end_step)
+    has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
+    accepted = measure.small.copy()
+    for k in np.flatnonzero(accepted & ~has_same_sign).tolist():
+        accepted[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
+    turned = np.flatnonzero(accepted & ~measure.straight)
+    accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
+    return accepted

@@ -52,7 +52,8 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
-# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start
+# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start;
+# the first search starts at the nearest reached configuration itself
 OFFSETS = (0.0, 1.0, 1.0, 1.0)
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
@@ -185,6 +186,7 @@ def workspace_map(
     started = time.perf_counter()
     choice = choose_quantities(robot, quantities, wrench)
     window = survey_window(robot) if window is None else window
+
     bands = {band.name: band for band in _make_bands(robot, window)}
     width = window.shape[1]
     grids = complete_chunks(
@@ -195,6 +197,7 @@ def workspace_map(
         keeper=keeper,
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
+
     x = window.points()
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
@@ -215,11 +218,11 @@ def workspace_map(
 def fill_band(
     robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
 ) -> dict[str, NDArray]:
-    """Compute the poses and quantities of one band."""
+    """Compute the poses and quantities of one band; return its arrays by name."""
     x = window.points()[band.first : band.first + len(band.q)]
     q = band.q.copy()
     reason = band.reason.copy()
-    coarse_stride = _coarse_stride(robot, window)
+    coarse_stride = _coarse_stride(robot, window)  # poses at this stride are filled
     strides = [stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)]
     fill_grid(robot, x, q, reason, strides)
     rows = band.stop - band.first  # without the first row of the next band
@@ -255,31 +258,37 @@ def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     return bands
 
 
+def _empty_values(quantities: tuple[Quantity, ...]) -> dict[str, np.generic]:
+    """Return the values of a pose that is not reached, by the name of the array, with their types."""
+    values: dict[str, np.generic] = {"assembly": np.int8(0)}
+    values |= {quantity.key: np.float64(np.nan) for quantity in quantities}
+    if has_loaded(quantities):
+        values["load"] = np.uint8(0)
+    return values
+
+
 def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
     """Return the types and shapes of a filled band's arrays, by name."""
     shape = (band.stop - band.first, band.q.shape[1])
-    kinds = {"reason": "u", "assembly": "i"} | {quantity.key: "f" for quantity in quantities}
-    if has_loaded(quantities):
-        kinds["load"] = "u"
-    fields = {key: ArrayField(kind, shape) for key, kind in kinds.items()}
-    return fields | {"q": ArrayField("f", (*shape, band.q.shape[2]))}
+    fields = {key: ArrayField(value.dtype.kind, shape) for key, value in _empty_values(quantities).items()}
+    return fields | {"reason": ArrayField("u", shape), "q": ArrayField("f", (*shape, band.q.shape[2]))}
 
 
 def _evaluate_poses(
     robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: ReasonArray
 ) -> dict[str, NDArray]:
-    """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name."""
+    """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name.
+
+    Only poses with the `reason` (I, J) REACHED have values.
+    """
     reached = reason == PoseReason.REACHED
-    assembly = np.zeros(reason.shape, dtype=np.int8)
-    arrays: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": assembly}
-    arrays |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
-    if has_loaded(quantities):
-        arrays["load"] = np.zeros(reason.shape, dtype=np.uint8)
+    arrays: dict[str, NDArray] = {"q": q, "reason": reason}
+    arrays |= {key: np.full(reason.shape, value) for key, value in _empty_values(quantities).items()}
     if reached.any():
         linearised = linearised_at(robot, q[reached], None)
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
-        _, assembly[reached] = mode_signs(robot, linearised)
+        _, arrays["assembly"][reached] = mode_signs(robot, linearised)
     return arrays
 
 
@@ -298,9 +307,10 @@ def _join_bands(
     reason = grids["reason"]
     was_filled = reason == PoseReason.REACHED
     border = np.zeros_like(was_filled)
-    for first in range(BAND_ROWS, len(x), BAND_ROWS):
-        border[first - 1] = ~was_filled[first - 1] & was_filled[first]
-        border[first] = ~was_filled[first] & was_filled[first - 1]
+    first = np.arange(BAND_ROWS, len(x), BAND_ROWS)  # first rows of all bands but the first one
+    border[first - 1] = ~was_filled[first - 1] & was_filled[first]
+    border[first] = ~was_filled[first] & was_filled[first - 1]
+
     for wanted in (border, ~was_filled):
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, [1])
@@ -323,6 +333,7 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     Args:
         x: platform coordinates (I, J, n).
         q: configurations (I, J, nq); NaN at poses that are not reached.
+        reason: (I, J) `PoseReason` of each pose.
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
@@ -339,9 +350,11 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
+    # continue what was found; OPEN marks poses that are not tried
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
     fill_grid(robot, x, other_q, other_reason, [1])
+
     is_other = other_reason == PoseReason.REACHED
     reason[(reason == PoseReason.OPEN) & is_other] = PoseReason.OTHER_MODE
     reason[unjoined & ~is_other] = PoseReason.OPEN

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from framework.atlas.nearest_pose import nearest_pose
+from framework.atlas.nearest import nearest_pose
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import (

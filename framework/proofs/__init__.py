@@ -5,12 +5,12 @@ No plan depends on these proofs.
 Open first `assembly_modes` (all poses for given motor joints) or `singular_paving` (all singular poses): both
 lead down to the tools.
 
-answers      assembly_modes, working_modes; singular_paving; regular_ball (a ball without singular poses)
-systems      leg_conditions, study_quadric: the conditions of the legs, as quadrics in displacements;
-             homotopy, real_displacements: all solutions of these quadrics
-completeness completeness, leg_paving: no solutions besides the known ones
-bounds       derivative_bounds over equation_terms, sharp in small boxes
-existence    krawczyk: one solution in a box;
-             passive_joints: one solution near given motors or a given platform pose (Kantorovich)
-tools        rounding, branch_and_bound, interval_newton
+answers    assembly_modes, working_modes; singular_paving; regular_ball (a ball without singular poses)
+systems    study_quadric: the conditions of the legs, as quadrics in displacements;
+           homotopy: all solutions of these quadrics
+complete   leg_paving: a leg has no solutions besides the known ones
+bounds     derivative_bounds over equation_terms, sharp in small boxes
+existence  krawczyk: one solution in a box;
+           passive_joints: one solution near given motors or a given platform pose
+tools      rounding, branch_and_bound, interval_newton
 """

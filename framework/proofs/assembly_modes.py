@@ -1,11 +1,14 @@
 """All poses of the platform for given motor joints: the assembly modes, each proved, and their number.
 
-A leg that is a rod between two points, however it is driven, imposes a linear condition on the platform's
-displacement (`find_leg_conditions`). If all legs do, their conditions are a system of quadrics with a known
-bound on the number of solutions: 40 for six legs in space, 8 for three about a point, 6 for three in a plane,
-2 for points on circles or spheres. `homotopy` continues all complex solutions of a random system to solutions
-of this one, and Krawczyk's test encloses each: the enclosure holds exactly one solution, for all coefficients
-within their rounding. The `status` says in which sense the real solutions are all:
+A leg is a chain from the base to the platform, made of joints of the tree and of one or more closures. Its
+passive joints are moved at random, and the functions of `study_quadric` are evaluated at the resulting
+displacements of the platform. The null space of this table contains the linear conditions that all
+displacements satisfy. A rod between two points gives one condition, whatever joints it has at its ends, so
+rods are recognised without being declared.
+
+If the legs give enough conditions, these are a system of quadrics with a known bound on the number of
+solutions: 40 for six legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on
+circles or spheres. `homotopy` finds all real solutions. The `status` says in which sense they are all:
 
 proved                     as many solutions as the bound are proved and pairwise apart, or the joints are
                            paved: there are no others
@@ -16,47 +19,63 @@ numerically complete       as many paths as the bound end at solutions that are 
 at least                   some paths are lost or end at multiple solutions, or no bound is known
 architecturally singular   the conditions depend on one another in every pose: no pose is isolated
 
-For all other robots Newton's method searches closed poses from many starts, and the Newton-Kantorovich
-theorem proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that
-there are no other poses; otherwise the number found is a lower bound.
+If the legs give too few conditions, Newton's method searches closed poses from many starts, and Krawczyk's
+test proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that there
+are no other poses; otherwise the number found is a lower bound.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.placements import planar_normal
+from framework.model.description import AXES, Closure
+from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.proofs.leg_conditions import LegConditions, find_leg_conditions
+from framework.proofs.equation_terms import planar_axis
+from framework.proofs.homotopy import PathCount, RealSolutions, Status, find_real_solutions
 from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import (
+    RANDOM_STARTS,
     close_all_loops,
     distance_from_reference,
     distinct_rows,
     draw_starts,
-    find_joints_at_poses,
+    find_joints_at_pose,
     has_one_solution_near,
     remove_whole_turns,
 )
-from framework.proofs.real_displacements import PathCount, RealSolutions, Status, find_real_solutions
-from framework.tolerances import DISTINCT_SOLUTIONS
+from framework.proofs.study_quadric import (
+    Displacements,
+    displacement_functions,
+    planar_displacements,
+    spatial_displacements,
+    spherical_displacements,
+    translation_displacements,
+)
+from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
-RANDOM_STARTS = 300  # of Newton's method, for robots without linear leg conditions
+SAMPLE_POSES = 60  # of a leg: more than three for each of the 17 functions
+MAX_LEGS = 32  # a robot with more chains from the base to the platform has no conditions
 
 
 @dataclass(frozen=True, eq=False)
 class AssemblyMode(ReadOnlyArrays):
     """A pose of the robot at the given motor joints."""
 
-    q: Array  # (nq,)
-    x: Array  # (n,)
+    q: Array  # (nq,) configuration
+    x: Array  # (n,) platform coordinates, angles within half a turn of the reference
     proved: bool  # to exist, and to be the only pose in a neighbourhood
 
 
@@ -67,8 +86,8 @@ class AssemblyModes:
     modes: tuple[AssemblyMode, ...]
     status: Status  # in which sense the modes found are all
     bound: int | None  # on the number of isolated complex solutions, if known
-    count: PathCount | None  # None without a homotopy
-    method: str
+    count: PathCount | None  # how the paths of the homotopy end; None without one
+    method: str  # clause with the method and its effort
 
     @property
     def complete(self) -> bool:
@@ -104,42 +123,42 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     target = motor_joints_of(robot, q_a)
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
-    reference = robot.reference.q[None]
-    q = integrate_columns(robot, reference, robot.actuated, target - robot.actuated_coordinates(reference))
-    conditions = find_leg_conditions(robot, q[0])
+    reference = robot.reference.q
+    motor_step = target - robot.actuated_coordinates(reference[None])[0]
+    q = integrate_columns(robot, reference, robot.actuated, motor_step)  # loops open
+
+    conditions = find_leg_conditions(robot, q)
     if conditions is None:
         return _search_modes(robot, q)
-    solutions = find_real_solutions(conditions.group, conditions.coefficients, conditions.rounding)
-    return _modes_at_displacements(robot, q, conditions, solutions)
+    return _modes_at_displacements(robot, q, conditions.group, find_real_solutions(*conditions))
 
 
 def _modes_at_displacements(
-    robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
+    robot: ParallelRobot, q: Array, group: Displacements, solutions: RealSolutions
 ) -> AssemblyModes:
-    """Find the modes at the platform displacements that solve the leg conditions.
+    """Find the modes at the platform displacements of a group that solve the leg conditions.
 
-    The motors stay as in q (1, nq). A displacement (R, p) moves the platform's frame from its reference pose
+    The motors stay as in q (nq,). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
     rotation is left free.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
-    position = reference_frames.position[0, 0]
-    rotation = reference_frames.rotation[0, 0]
-    p = solutions.p * robot.length
-    rotations = None if conditions.group.only_translates else solutions.R @ rotation
-    poses = find_joints_at_poses(robot, q, solutions.R @ position + p, rotations)
+    position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0
+    rotation = reference_frames.rotation[0, 0]  # (3, 3)
     modes = list[AssemblyMode]()
-    for pose, proved in zip(poses, solutions.proved, strict=True):
+    for R, p, proved in zip(solutions.R, solutions.p, solutions.proved, strict=True):
+        turned = None if group.only_translates else R @ rotation
+        pose = find_joints_at_pose(robot, q, R @ position + p * robot.length, turned)
         if pose is not None:
             x = _platform_coordinates(robot, frames_at(robot, pose[None]))
             modes.append(AssemblyMode(pose, x, bool(proved)))
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
+
     # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
     # may differ from the loops, and these modes are not proved to be all.
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
-    family = conditions.group.family
-    method = f"homotopy in {family.name}: {solutions.count.sentence}"
-    return AssemblyModes(tuple(modes), status, family.bound, solutions.count, method)
+    method = f"homotopy in {group.name}: {solutions.count.sentence}"
+    return AssemblyModes(tuple(modes), status, group.bound, solutions.count, method)
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
@@ -148,10 +167,12 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, with the motors as in q (1, nq)."""
-    poses, closed = close_all_loops(
-        robot, draw_starts(robot, q, robot.passive, RANDOM_STARTS), robot.following
-    )
+    """Search modes by Newton's method from random starts, with the motors as in q (nq,).
+
+    A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
+    """
+    starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
+    poses, closed = close_all_loops(robot, starts, robot.following)
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:
@@ -162,9 +183,11 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
             modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
 
     method = f"{RANDOM_STARTS} starts of Newton's method"
-    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates):
-        return AssemblyModes(tuple(modes), "proved", None, None, f"{method}, joints paved")
-    return AssemblyModes(tuple(modes), "at least", None, None, method)
+    status: Status = "at least"
+    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q, candidates):
+        status = "proved"
+        method += ", joints paved"
+    return AssemblyModes(tuple(modes), status, bound=None, count=None, method=method)
 
 
 def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
@@ -183,3 +206,200 @@ def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> b
     candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
     offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
     return are_leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)
+
+
+# ------------------------------------------------------------------ conditions of the legs
+
+
+class LegConditions(NamedTuple):
+    """Linear conditions (K, M) on the platform's displacement, motors locked."""
+
+    group: Displacements
+    coefficients: Array  # (K, M) of unit size, lengths in robot lengths
+    rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
+
+
+class _Edge(NamedTuple):
+    """A joint of the tree or a closure, from one body to another."""
+
+    start: int  # body
+    end: int  # body
+    joint: int  # of the tree; 0 for a closure
+    closure: Closure | None  # None for a joint of the tree
+    forward: bool  # whether it leads from parent to child, or from a closure's first frame to its second
+
+
+def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+    """Find the conditions of all legs, motors as in q (nq,); None if too few.
+
+    The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
+    column for each function of the platform's displacement.
+    """
+    group = _displacement_group(robot)
+    if group is None:
+        return None
+    sampler = _Sampler.of(robot, q)
+    conditions = list[Array]()
+    rounding = 0.0
+    for count, chain in enumerate(_leg_chains(robot)):
+        if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
+            return None
+        R, p = sampler.sample_displacements(chain, group.only_translates)
+        null_space, condition_number = _null_space(displacement_functions(R, p)[:, group.chosen])
+        conditions.append(null_space)
+        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
+    rows = np.concatenate(conditions)
+    K = group.equations
+    if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
+        return None
+    if len(rows) > K:  # K random combinations replace the conditions, of which there are too many
+        rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
+        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    return LegConditions(group, rows, rounding)
+
+
+def _null_space(table: Array) -> tuple[Array, float]:
+    """Return an orthonormal basis of a table's null space, and the condition number of its row space.
+
+    The vectors of the basis are rows.
+    """
+    _, singular_values, V_rows = np.linalg.svd(table)
+    rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
+    return V_rows[rank:], singular_values[0] / singular_values[rank - 1]
+
+
+def _displacement_group(robot: ParallelRobot) -> Displacements | None:
+    """Choose the group of the platform's displacements; None if `study_quadric` has none.
+
+    A planar robot has to move normal to a base axis, with both translations in the plane.
+    """
+    if not len(robot.following) or robot.rows.has_couplings:
+        return None
+    if planar_normal(robot) is not None:
+        axis = planar_axis(robot)
+        along = robot.platform.along.tolist()  # base axes of the translations
+        if axis is None or axis in along or len(along) != 2:
+            return None
+        if robot.n == 2:
+            return translation_displacements(tuple(sorted(along)))
+        return planar_displacements(axis) if robot.n == 3 else None
+
+    if robot.n == 3 and not robot.translations.any():
+        return spherical_displacements()
+    return spatial_displacements() if robot.translations.any() else None
+
+
+def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
+    """Yield all chains from the base to the platform's body that visit no body twice.
+
+    Bodies have the numbers of the joints of the tree that carry them; the base is body 0.
+    """
+    model = robot.model
+    forward = [_Edge(model.parents[joint], joint, joint, None, True) for joint in range(1, model.njoints)]
+    for closure in robot.description.closures:
+        first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
+        forward.append(_Edge(first, second, 0, closure, True))
+    edges = list[_Edge]()
+    for edge in forward:
+        edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]
+
+    platform = model.frames[robot.frames[0]].parentJoint
+    pending: list[list[_Edge]] = [[]]  # chains that begin at the base
+    while pending:
+        chain = pending.pop(0)
+        bodies = [0, *(edge.end for edge in chain)]
+        if bodies[-1] == platform:
+            yield chain
+        else:
+            next_edges = [edge for edge in edges if edge.start == bodies[-1] and edge.end not in bodies]
+            pending[:0] = [[*chain, edge] for edge in next_edges]  # depth first
+
+
+def _motions_are_group(closure: Closure | None) -> bool:
+    """Return whether the relative motions that a closure allows form a group; True for a joint (None).
+
+    They do not if exactly two rotations are free, or if several distances are prescribed.
+    """
+    if closure is None:
+        return True
+    free_turns = np.isin(AXES[3:], closure.axes, invert=True)
+    return np.count_nonzero(free_turns) != 2 and len(ROW_KINDS.keys() & closure.axes) <= 1
+
+
+class _Sampler(NamedTuple):
+    """Draws random poses of chains of joints and closures."""
+
+    robot: ParallelRobot
+    placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
+    normal: Array | None  # (3,) of a planar robot, base axes; else None
+    data: pin.Data  # frames at the reference
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array) -> _Sampler:
+        """Draw SAMPLE_POSES poses of all joints, motors and springs locked as in q (nq,).
+
+        Passive joints move by up to half a turn or a robot length.
+        """
+        data = robot.model.createData()
+        placements = []
+        for pose in draw_starts(robot, q, robot.passive, SAMPLE_POSES):
+            pin.forwardKinematics(robot.model, data, pose)
+            placements.append([pin.SE3(placement) for placement in data.liMi])
+        pin.framesForwardKinematics(robot.model, data, robot.reference.q)
+        return _Sampler(robot, placements, planar_normal(robot), data)
+
+    def sample_displacements(self, chain: list[_Edge], only_translates: bool) -> tuple[Array, Array]:
+        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain.
+
+        The poses along the chain are multiplied, from the base to the platform. Joints are placed as drawn
+        before, closures are drawn now. If the platform `only_translates`, p is the translation of its frame's
+        origin.
+        """
+        rng = np.random.default_rng(1)
+        platform = self.robot.frames[0]
+        reference = self.data.oMf[platform]
+        rotations = []
+        translations = []
+        for placements in self.placements:
+            pose = pin.SE3.Identity()
+            for edge in chain:
+                step = placements[edge.joint]
+                if edge.closure is not None:
+                    step = self._draw_closure_pose(edge.closure, rng)
+                pose = pose * (step if edge.forward else step.inverse())
+            pose = pose * self.robot.model.frames[platform].placement
+            displacement = pose * reference.inverse()
+            rotations.append(displacement.rotation)
+            origin_shift = pose.translation - reference.translation
+            translations.append(origin_shift if only_translates else displacement.translation)
+        return np.array(rotations), np.array(translations) / self.robot.length
+
+    def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
+        """Draw a pose that a closure allows, of the second body in the first.
+
+        Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
+        closure with a length keeps the length. In a planar robot a closure with three free rotations turns
+        about the normal alone, away from its attitude at the reference.
+        """
+        ends = [self.robot.model.getFrameId(name) for name in closure.frames]
+        placements = [self.robot.model.frames[k].placement for k in ends]
+        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
+        distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
+        offset = rng.uniform(-1, 1, 3) * self.robot.length  # between the frames' origins, in the first frame
+        offset[locked_shifts] = 0.0
+        turn = rng.uniform(-np.pi, np.pi, 3)  # rotation vector, in the first frame
+
+        if self.normal is None or locked_turns.any():
+            turn[locked_turns] = 0.0
+            rotation = pin.exp3(turn)
+        else:
+            R_a, R_b = (self.data.oMf[k].rotation for k in ends)
+            normal = R_a.T @ self.normal  # in the first frame
+            if distances:
+                offset -= normal * (normal @ offset)  # stays in the plane
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
+
+        for distance in distances:
+            assert closure.length is not None
+            offset = distance.satisfy(offset, closure.length)
+        return placements[0] * pin.SE3(rotation, offset) * placements[1].inverse()

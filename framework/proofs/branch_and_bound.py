@@ -1,7 +1,7 @@
 """Branch and bound: tests drop, prove, narrow or cut boxes, or leave them undecided.
 
 The test is a function from a stack of boxes to `Examined`. The queue of boxes and their cutting are the same
-for all tests and stand here. Three modules bring a test: `completeness` (equations have no other solutions),
+for all tests and stand here. Three modules bring a test: `leg_paving` (a leg has no other solutions),
 `singular_paving` (all singular poses) and `regular_ball` (no singular pose).
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
 
-SHRUNK_VOLUME_RATIO = 0.5  # a box narrowed below this share of its volume is tested again before it is cut
+BATCH = 1024  # pieces tested at a time
 MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # bound on the error of a middle, over 1 + |middle|; added to the radii
 NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
@@ -27,7 +27,7 @@ K = TypeVar("K")
 class Examined(Generic[Stack, K]):
     """The result of a test: proved, undecided and pending pieces; all others are dropped."""
 
-    proved: K  # together with what the test has proved of the pieces
+    proved: K  # record of the proved pieces and of what the test has proved about them
     undecided: Stack  # too small to be cut
     pending: Stack  # narrowed or cut, to be tested again
 
@@ -36,9 +36,9 @@ class Examined(Generic[Stack, K]):
 class Partition(Generic[Stack, K]):
     """The pieces of a region that were not dropped."""
 
-    proved: list[K]
-    undecided: Stack
-    pending: Stack  # not tested: `max_examined` was reached, or they are no nearer than `limit`
+    proved: list[K]  # one record for each batch
+    undecided: Stack  # too small to be cut
+    pending: Stack  # not tested, because `max_examined` was reached
     limit: float  # distance; all nearer pieces are decided
 
 
@@ -46,7 +46,6 @@ def branch_and_bound(
     test: Callable[[Stack], Examined[Stack, K]],
     region: Stack,
     *,
-    batch: int,
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
@@ -56,7 +55,8 @@ def branch_and_bound(
     Pieces are the rows of a stack of arrays.
 
     Args:
-        batch: number of pieces tested at a time.
+        test: decides or cuts pieces.
+        region: the first pieces.
         max_examined: number of pieces tested at most; the last batch may exceed it.
         distance: computes the distances (S,) of pieces. If given, the nearest pieces are tested first, and
             pieces no nearer than `limit` or than an undecided piece are not tested. By default the newest
@@ -65,26 +65,22 @@ def branch_and_bound(
     """
     pending = region
     proved = list[K]()
-    undecided = list[Stack]()
+    undecided = [select(region, slice(0))]  # a region without pieces leaves none undecided
     examined = 0
-
-    def least_distance(pieces: Stack) -> float:
-        """Return the least distance of the pieces; infinite without pieces or `distance`."""
-        return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
-
     while len(pending[0]) and examined < max_examined:
         if distance is not None:
             pending = select(pending, np.argsort(distance(pending), kind="stable"))
-        result = test(select(pending, slice(batch)))
-        examined += min(batch, len(pending[0]))
-        pending = join([result.pending, select(pending, slice(batch, None))])
+        result = test(select(pending, slice(BATCH)))
+        examined += min(BATCH, len(pending[0]))
+        pending = join([result.pending, select(pending, slice(BATCH, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
-        limit = min(limit, least_distance(result.undecided))
-        if distance is not None:
+        if distance is not None:  # only pieces nearer than all undecided ones are of interest
+            limit = float(distance(result.undecided).min(initial=limit))
             pending = select(pending, distance(pending) < limit)
-    no_piece = select(region, slice(0))  # a region without pieces leaves none undecided
-    return Partition(proved, join([no_piece, *undecided]), pending, limit=min(limit, least_distance(pending)))
+    if distance is not None:
+        limit = float(distance(pending).min(initial=limit))
+    return Partition(proved, join(undecided), pending, limit)
 
 
 class Boxes(NamedTuple):
@@ -129,7 +125,7 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
     """
     has_no_axis = axis == NO_AXIS
     volume_ratio = np.prod(boxes.radii / wide.radii, axis=1)
-    has_shrunk = has_no_axis & (volume_ratio < SHRUNK_VOLUME_RATIO)
+    has_shrunk = has_no_axis & (2 * volume_ratio < 1)
     is_undecided = has_no_axis & is_small & ~has_shrunk
     is_cut = ~(has_shrunk | is_undecided)
     cut_axis = np.where(has_no_axis, boxes.radii.argmax(axis=1), axis)

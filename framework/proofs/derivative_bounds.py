@@ -38,37 +38,30 @@ from framework.proofs.equation_terms import (
     Term,
     chain_between,
     collect_terms,
-    moving_balls,
+    list_unbounded_joints,
     stretched_length,
 )
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
 
-class _ChainVector(NamedTuple):
-    """A vector on the last link of a chain of L joints, at S configurations."""
-
-    value: Array  # (S, 3)
-    first: Array  # (S, L, 3) first derivatives
-    second: Array  # (S, L, L, 3) second derivatives
-
-
 class _ChainDerivatives(NamedTuple):
-    """The derivatives of one chain of L joints at S configurations."""
+    """The vector p from the first to the second frame of a chain of L joints, at S configurations."""
 
     turn_axes: Array  # (S, L, 3) w_j of the second frame relative to the first; 0 of slides
-    point: _ChainVector  # p from the first frame's origin to the second's
-    lever: Array  # (S, L) |u_j|
+    p: Array  # (S, 3)
+    u: Array  # (S, L, 3) first derivatives of p
+    seconds: Array  # (S, L, L, 3) second derivatives of p
 
 
 @dataclass(frozen=True, eq=False)
 class DerivativeBounds:
-    """The R equations of a robot in its k `moving` joints, with their scales."""
+    """The R equations of a robot, of platform and loops, in its k `moving` joints, with their scales."""
 
     robot: ParallelRobot
     terms: list[Term]  # of the equations; none for a platform whose coordinates are joints
     chains: dict[Ends, Chain]  # of the terms
-    row_scale: Array  # (R,) 1 over the unit of each equation
+    row_scale: Array  # (R,) reciprocal of the unit of each equation
     column_scale: Array  # (k,) unit of each joint
     rounding: float  # bound on the error of values and derivatives at one configuration, dimensionless
 
@@ -77,12 +70,9 @@ class DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
-            InvalidInput: joints are coupled, or a ball joint moves: its coordinates are not angles about
-                successive axes.
+            InvalidInput: joints are coupled, or a ball joint moves, see `list_unbounded_joints`.
         """
-        excluded = [f"the ball joint {name}" for name in moving_balls(robot)]
-        if robot.rows.has_couplings:
-            excluded.append("couplings of joints")
+        excluded = list_unbounded_joints(robot)
         if excluded:
             raise InvalidInput(
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
@@ -100,6 +90,11 @@ class DerivativeBounds:
             rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )
 
+    @property
+    def scale(self) -> Array:
+        """Factors (R, k) that make slopes dimensionless."""
+        return self.row_scale[:, None] * self.column_scale
+
     def configurations(self, u: Array) -> Array:
         """Return configurations (S, nq) offset from the reference by u (S, k) [rad, robot lengths]."""
         return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
@@ -113,7 +108,9 @@ class DerivativeBounds:
         robot = self.robot
         frames = frames_at(robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
-        scale = self.row_scale[:, None] * self.column_scale  # (R, k)
+
+        # sum the terms, in m and rad
+        scale = self.scale
         values = np.zeros((len(q), len(scale)))
         slopes = np.zeros((len(q), *scale.shape))
         hessians = np.zeros((*slopes.shape, len(self.column_scale)))
@@ -126,6 +123,7 @@ class DerivativeBounds:
             slopes[:, term.row, chain.in_moving] += first
             hessians[:, term.row, chain.in_moving[:, None], chain.in_moving] += second  # all pairs of joints
         values[:, robot.n :] -= robot.loops.constant
+
         hessians *= scale[:, :, None] * self.column_scale
         return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
 
@@ -161,7 +159,7 @@ class Derivatives(NamedTuple):
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
-        hessians = np.abs(self.hessians) + rounding
+        hessians = np.abs(self.hessians) + rounding  # |H|
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
         widening = rounding * (1 + radii.sum(axis=1, keepdims=True))
@@ -178,8 +176,7 @@ class Derivatives(NamedTuple):
             chain = self.bounds.chains[term.ends]
             bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.in_moving])
             thirds[:, term.row, chain.in_moving[:, None], chain.in_moving] += bound
-        scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
-        return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
+        return ROUND_UP * thirds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
 
 
 class Remainders(NamedTuple):
@@ -199,11 +196,10 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     first, second = chain.ends
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turn_axes = screws[..., 3:]
-    p = frames.position[:, second]
-    u = screws[..., :3] + cross(turn_axes, p[:, None])
-    origin = 0.0 if first == BASE else frames.position[:, first]
-    point = _ChainVector(p - origin, u, _second_derivatives(chain, turn_axes, u))
-    return _ChainDerivatives(turn_axes, point, np.linalg.norm(u, axis=2))
+    point = frames.position[:, second]
+    u = screws[..., :3] + cross(turn_axes, point[:, None])
+    p = point if first == BASE else point - frames.position[:, first]
+    return _ChainDerivatives(turn_axes, p, u, _second_derivatives(chain, turn_axes, u))
 
 
 def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
@@ -218,23 +214,22 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
-) -> _ChainVector:
-    """Return the vector (S, 3) of a term, with its derivatives along the chain's L joints.
+) -> tuple[Array, Array, Array]:
+    """Return the vector (S, 3) of a term, with its derivatives (S, L, 3), (S, L, L, 3).
 
     The kind of the term decides. For "direction" the vector is an axis of the second frame, for "turn" the
     axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
     and "square" it is p.
     """
-    turn_axes = derivatives.turn_axes  # (S, L, 3)
+    turn_axes, p, u, seconds = derivatives
     if term.kind == "direction":
         axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])
-        return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
+        return axis, slopes, _second_derivatives(chain, turn_axes, slopes)
     if term.kind == "turn":
         # [w_i]x [w_j]x has the antisymmetric part [w_i x w_j]x / 2
-        zero = np.zeros_like(derivatives.point.value)
-        return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))
-    return derivatives.point
+        return np.zeros_like(p), turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes)
+    return p, u, seconds
 
 
 def _differentiate_term(
@@ -243,8 +238,8 @@ def _differentiate_term(
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
-    factor * p . p. The square has the slopes 2 factor p . u_j and the second derivatives
-    2 factor (p . d2p + u_i . u_j).
+    factor * p . p. The chain's derivatives are relative to the first frame, so its axis counts as fixed. The
+    square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -254,6 +249,7 @@ def _differentiate_term(
         axis = np.broadcast_to(np.eye(3)[term.first_axis], vector.shape)
     else:
         axis = frames.rotation[:, term.ends[0], :, term.first_axis]
+
     value = np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
@@ -265,7 +261,7 @@ def _differentiate_term(
 
 
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over boxes of radii (S, L), given the levers at the middles.
+    """Bound the levers (S, L) over boxes of radii (S, L), given the levers (S, L) at the middles.
 
     A joint moves the point by at most radius * lever. The levers of all hinges before it on the chain grow by
     no more than this.
@@ -289,12 +285,12 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     if term.kind in ("direction", "turn"):
         lever = turns[None].astype(float)  # (1, L)
     else:
-        lever = _bound_levers(chain, derivatives.lever, radii)  # (S, L)
+        lever = _bound_levers(chain, np.linalg.norm(derivatives.u, axis=2), radii)  # (S, L)
     inner, middle, outer = chain.joint_tuples(3)  # (L, L, L) each
     third_sizes = lever[:, outer] * (turns[inner] & turns[middle])  # (S, L, L, L) at least |d3p|
     thirds = np.einsum("sijk,sk->sij", third_sizes, radii)
     if term.kind == "square":
-        distance = np.linalg.norm(derivatives.point.value, axis=1)  # |p| at the middle
+        distance = np.linalg.norm(derivatives.p, axis=1)  # |p| at the middle
         thirds = _bound_square_thirds(chain, lever, distance, thirds, radii)
     return abs(term.factor) * thirds
 

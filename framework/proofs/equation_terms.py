@@ -21,18 +21,23 @@ from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import FILE_ROUNDING
 
-BASE = -1  # in place of a frame
+BASE = -1  # index that stands for the base in place of a frame
 
 
-def moving_balls(robot: ParallelRobot) -> list[str]:
-    """Return the names of the ball joints that move with the platform."""
+def list_unbounded_joints(robot: ParallelRobot) -> list[str]:
+    """Return the moving joints, in words, whose equations have no bounds over boxes.
+
+    These are ball joints, whose coordinates are not angles about successive axes, and couplings of joints.
+    """
     moving = set(robot.moving.tolist())
-    names = list[str]()
+    words = list[str]()
     for name, joint in zip(robot.model.names, robot.model.joints, strict=True):
         columns = range(joint.idx_v, joint.idx_v + joint.nv)
         if is_ball(joint) and not moving.isdisjoint(columns):
-            names.append(str(name))
-    return names
+            words.append(f"the ball joint {name}")
+    if robot.rows.has_couplings:
+        words.append("couplings of joints")
+    return words
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
@@ -47,7 +52,7 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
     return float(link_lengths + slide_lengths) / robot.length
 
 
-Ends = tuple[int, int]  # two frames, as indices into Mechanism.frames; the first may be BASE
+Ends = tuple[int, int]  # first and second frame, as indices into Mechanism.frames; the first may be BASE
 
 
 class Chain(NamedTuple):
@@ -76,11 +81,14 @@ class Term(NamedTuple):
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
-    """Return the terms of all equations; a platform whose coordinates are joints has none."""
+    """Return the terms of all equations; a platform whose coordinates are joints has none.
+
+    The platform's frame has the number 0.
+    """
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
-        for coordinate, axis in enumerate(platform.axes.tolist()):
+        for coordinate, axis in enumerate(platform.axes.tolist()):  # x, y, z; turns about x, y, z
             kind = "point" if robot.translations[coordinate] else "turn"
             terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)
@@ -90,17 +98,17 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 
 
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
-    """Yield the one or two terms of a loop equation.
+    """Yield the one or two terms of loop equation `row`.
 
-    An equation on a base axis has two terms: the origin of the second frame less the origin of the first. Any
-    other equation has one term, along the chain between both frames. It is the product of an axis of the
-    first frame with an axis of the second frame (direction) or with its origin (point), or the squared
+    An equation on a base axis (0..2) has two terms: the origin of the second frame less the origin of the
+    first. Any other equation has one term, along the chain between both frames. It is the product of an axis
+    of the first frame with an axis of the second frame (direction) or with its origin (point), or the squared
     distance between the origins (square).
     """
     loops = robot.loops
-    number = robot.n + row
-    first = int(loops.first[row])
-    second = int(loops.second[row])
+    number = robot.n + row  # of the equation; those of the platform come first
+    first = loops.first[row]
+    second = loops.second[row]
     if base_axis is not None:
         yield Term(number, (BASE, second), "point", base_axis)
         yield Term(number, (BASE, first), "point", base_axis, factor=-1.0)
@@ -108,8 +116,8 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
     kind = "square" if loops.square[row] else "point"
     if loops.rotation[row]:
         kind = "direction"
-    axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-    yield Term(number, (first, second), kind, *axes, float(loops.weight[row]))
+    axes = loops.first_axis[row], loops.second_axis[row]
+    yield Term(number, (first, second), kind, *axes, loops.weight[row])
 
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
@@ -135,16 +143,16 @@ def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[
     """
     supports = robot.model.supports
     bodies = scratch_of(robot).bodies
-    first_chain = [] if first == BASE else list(supports[int(bodies[first])])  # from the base on
+    # joints from the base to each frame; joint 0 is the base
+    first_chain = [] if first == BASE else list(supports[int(bodies[first])])
     second_chain = list(supports[int(bodies[second])])
     carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
-    # joint 0 is the base
     carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
     return carrying_first + carrying_second
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:
-    """Return the base axis (0..2) normal to a planar robot; None for any other."""
+    """Return the base axis (0..2) normal to a planar robot; None without such an axis."""
     normal = planar_normal(robot)
     if normal is None:
         return None
@@ -162,7 +170,7 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
     loops = robot.loops
     normal = planar_axis(robot)
     axes = [k for k in range(3) if k != normal]
-    carried = scratch_of(robot).carried[:, robot.moving]
+    carried = scratch_of(robot).carried[:, robot.moving]  # (frames, k) whether a joint carries a frame
     base_axes: dict[int, int] = {}
     for ends in set(zip(loops.first.tolist(), loops.second.tolist(), strict=True)):
         if carried[list(ends)].all(axis=0).any():  # a joint carries both frames

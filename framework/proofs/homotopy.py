@@ -1,9 +1,9 @@
-"""All solutions of a system of quadrics by coefficient-parameter homotopy, and how the solution paths end.
+"""All real displacements that solve a system of leg conditions, by coefficient-parameter homotopy.
 
-Monodromy finds the solutions of a start system with random complex coefficients: the coefficients run round
+Monodromy finds all complex solutions of a start system with random coefficients: the coefficients run round
 closed loops, along which one solution leads to all others (Duff et al., IMA J. Numerical Analysis 39, 2019).
 A line of coefficients, made complex by random factors, connects the start system to any other system of the
-family. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
+group. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
 are tracked in stacks.
 
 A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
@@ -11,123 +11,289 @@ of the line to `ENDGAME_SEGMENT_RATIO` s. The size of a displacement (`displacem
 with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is positive and the same over
 successive segments, the path goes to infinity; if w = 0, it ends at a multiple solution. All other paths are
 lost.
+
+Krawczyk's test encloses the ends of all paths that arrive: each enclosure holds exactly one solution, for all
+coefficients within their rounding. The solution is real if the middle of the enclosure is real, and not real
+if the enclosure contains no real point. While paths are lost, the system is solved again along other paths.
+
+Letters as in `study_quadric`: a system has K equations with coefficients (K, M) of M members, and N
+homogeneous coordinates z. S counts paths. A chart fixes the scale of z by chart . z = 1.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from framework.numerics.arrays import Array, BoolArray, assign
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import solve_or_fit
+from framework.proofs.krawczyk import Enclosures, are_apart, choose_chart, enclose_solutions
+from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import (
     ComplexArray,
-    QuadricFamily,
+    Displacements,
     append_row,
     complex_normal,
     first_occurrences,
     matrix_products,
 )
-from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
+from framework.tolerances import (
+    DISTINCT_SOLUTIONS,
+    ENDGAME_MIN_EXPONENT,
+    LEG_COEFFICIENT_ROUNDING,
+    NEWTON_STEP,
+)
 
-MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
-MAX_EXPONENT_SPREAD = 0.1  # difference of exponents that count as equal, relative to the largest
+MAX_ATTEMPTS = 4  # each along other paths, while some are lost
+NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
-CORRECTOR_STEPS = 3  # Newton steps
 STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
-MAX_SIZE = 1e7  # of z in its chart; a path with a larger z counts as lost
 MONODROMY_ROUNDS = 60
-REFINEMENT_STEPS = 4  # Newton steps
+MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
 ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
 AGREEING_EXPONENTS = 3  # exponents of successive segments that must agree to decide how a path ends
-MAX_FINITE_SIZE = 1e5  # a larger displacement at the end of a path may be at infinity: the endgame decides
-START_SEED, PATH_SEED = 20, 21
+
+Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
+
+
+@dataclass(frozen=True)
+class PathCount:
+    """The number of paths of a homotopy by their kinds of ends."""
+
+    paths: int
+    finite: int  # at single solutions that are apart
+    infinite: int  # at infinity, or growing like such paths
+    multiple: int  # at finite multiple solutions
+
+    @property
+    def lost(self) -> int:
+        """Number of paths with unknown ends."""
+        return self.paths - self.finite - self.infinite - self.multiple
+
+    @property
+    def sentence(self) -> str:
+        """The numbers of paths, in words."""
+        ends = {
+            "end at single solutions": self.finite,
+            "end at infinity": self.infinite,
+            "end at multiple ones": self.multiple,
+            "are lost": self.lost,
+        }
+        return f"of {self.paths} paths " + ", ".join(f"{count} {end}" for end, count in ends.items() if count)
+
+
+@dataclass(frozen=True, eq=False)
+class RealSolutions(ReadOnlyArrays):
+    """The k real solutions of a system of leg conditions."""
+
+    R: Array  # (k, 3, 3) rotations of the displacements
+    p: Array  # (k, 3) translations, in the unit of the conditions
+    proved: BoolArray  # (k,) to exist, to be real and to be single
+    count: PathCount
+    status: Status  # in which sense these are all real solutions
+
+
+def find_real_solutions(
+    group: Displacements,
+    coefficients: Array,
+    rounding: float = LEG_COEFFICIENT_ROUNDING,
+) -> RealSolutions:
+    """Find all real displacements that solve conditions with coefficients (K, M).
+
+    Args:
+        group: the displacements among which the solutions are, with M functions.
+        rounding: error of the coefficients, relative to the largest coefficient of each condition.
+    """
+    coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
+    if group.is_dependent(coefficients):
+        R, p = group.to_displacements(np.zeros((0, group.size)))
+        count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
+        return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
+
+    rows, slack = group.eliminate_square(coefficients, rounding)
+    attempts = list[RealSolutions]()
+    for seed in range(1, MAX_ATTEMPTS + 1):
+        attempts.append(_prove_path_ends(group, rows, slack, seed))
+        if attempts[-1].status != "at least":
+            break
+    return min(reversed(attempts), key=_count_doubts)  # the last of equal attempts
+
+
+def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
+    """Return a sort key: whether the status is unproved, lost paths, multiple solutions."""
+    return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
+
+
+def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
+    """Track all paths once, and prove the solutions at their ends.
+
+    A solution is decided if its enclosure is proved to hold exactly one solution, and either the solution is
+    real or the enclosure contains no real point.
+
+    Args:
+        coefficients: (K, M).
+        slack: (K, M) bounds on the errors of the coefficients.
+        seed: chooses the paths.
+    """
+    quadrics = group.quadrics(coefficients)
+    ends = find_path_ends(group, coefficients, seed)
+    chart = choose_chart(ends.z[ends.arrived])
+    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+
+    # the middle of an enclosure must be real for its solution to be proved real
+    norms = np.linalg.norm(z, axis=1)
+    is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
+    z[is_real] = z[is_real].real
+    is_new = first_occurrences(z / norms[:, None])
+    proof = enclose_solutions(quadrics, group.quadrics_slack(slack), chart, z)
+    count = _count_paths(group, ends, z, is_real, is_new, proof)
+
+    is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
+    decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
+    status: Status = "at least"
+    if decided == group.bound and are_apart(z, proof.radii):
+        status = "proved"
+    elif count.finite + count.infinite == count.paths == group.bound:
+        status = "numerically complete"
+    chosen = is_real & is_new
+    return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
+
+
+def _count_paths(
+    group: Displacements,
+    ends: PathEnds,
+    z: ComplexArray,
+    is_real: BoolArray,
+    is_new: BoolArray,
+    proof: Enclosures,
+) -> PathCount:
+    """Count the paths by their ends; paths with the same end count once.
+
+    A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without a
+    proof is infinite if the endgame says so, and multiple if it is real.
+
+    Args:
+        ends: of all paths, arrived or not.
+        z: (S, N) the ends of the paths that arrived.
+        is_real: (S,) whether an end is real.
+        is_new: (S,) whether an end differs from all earlier ones.
+        proof: the enclosures of the ends z.
+    """
+    proved = proof.proved
+    is_infinite = ends.infinite[ends.arrived] & ~proved
+    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
+    is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
+    never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
+    return PathCount(
+        paths=len(ends.z),
+        finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
+        infinite=int(np.sum(is_new & is_infinite) + np.sum(never_arrived)),
+        multiple=int(np.sum(is_new & is_multiple) + np.sum(ends.multiple)),
+    )
+
+
+def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
+    """Return whether polydiscs of `radii` about z (S, N) provably hold no point at infinity, (S,).
+
+    At infinity z' A z = 0, with the real `quadric` A (N, N). Within radii r (S, N) the value z' A z changes
+    by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
+    rounding, the polydisc holds no point at infinity.
+    """
+    slopes = z @ quadric
+    value = np.abs(np.sum(slopes * z, axis=1))
+    A_size = np.abs(quadric)
+    z_size = np.abs(z)
+    max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
+    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
+    return value > ROUND_UP**2 * (max_change + 2 * rounding)
+
+
+# ------------------------------------------------------------------ solution paths
 
 
 class StartSystem(NamedTuple):
-    """A random system of a family, and its solutions."""
+    """A random system of linear conditions on a group, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
     z: ComplexArray  # (bound, N), or fewer if monodromy missed some
 
 
 @cache
-def solve_start_system(family: QuadricFamily) -> StartSystem:
-    """Find the solutions of a random system of a family by monodromy.
+def solve_start_system(group: Displacements) -> StartSystem:
+    """Find the solutions of a random system by monodromy.
 
-    The first of two systems is chosen such that a random point solves it. Solutions are tracked to the second
-    system and back, each time with new complex factors of the equations, which makes a new closed loop of
-    coefficients.
+    The system is chosen such that a random point solves it. All solutions known so far are tracked to another
+    random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
     """
-    rng = np.random.default_rng(START_SEED)
-    z = family.random_point(rng)
-    members = family.values(z[None])[0]  # (M,) at z
+    rng = np.random.default_rng(0)
+    z = group.random_point(rng)
+    members = group.values(z[None])[0]  # (M,) at z
     # z solves a system whose coefficients are orthogonal to the members at z
-    coefficients = family.random_coefficients(rng)
-    coefficients -= np.outer(coefficients @ members, members.conj()) / np.vdot(members, members)
-    coefficients /= np.linalg.norm(coefficients, axis=1, keepdims=True)
-    systems = [coefficients, family.random_coefficients(rng)]
-    solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]  # of each system
+    system = group.random_coefficients(rng)
+    system -= np.outer(system @ members, members.conj()) / np.vdot(members, members)
+    system /= np.linalg.norm(system, axis=1, keepdims=True)
+
+    solutions = z[None]
     for _ in range(MONODROMY_ROUNDS):
-        for start, end in ((0, 1), (1, 0)):  # to the second system, and back
-            rotated = [_rotate_phases(family, system, rng) for system in systems]
-            tracked = track_paths(family, rotated[start], rotated[end], solutions[start], rng)
-            candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
-            solutions[end] = candidates[first_occurrences(candidates)]
-        if len(solutions[0]) >= family.bound:
+        other = group.random_coefficients(rng)
+        away = track_paths(group, system, other, solutions, rng)
+        back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
+        candidates = np.concatenate([solutions, back.z[back.arrived]])
+        solutions = candidates[first_occurrences(candidates)]
+        if len(solutions) >= group.bound:
             break
-    return StartSystem(systems[0], solutions[0])
+    return StartSystem(system, solutions)
 
 
-def _rotate_phases(
-    family: QuadricFamily, coefficients: ComplexArray, rng: np.random.Generator
-) -> ComplexArray:
+def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> ComplexArray:
     """Multiply each equation (row) by a random complex number of modulus 1.
 
     The solutions stay the same, but paths from the system change.
     """
-    return np.exp(2j * np.pi * rng.random((family.equations, 1))) * coefficients
+    return np.exp(2j * np.pi * rng.random((len(coefficients), 1))) * coefficients
 
 
 class TrackedPaths(NamedTuple):
-    """The ends of S tracked paths."""
+    """The last points of S tracked paths."""
 
-    z: ComplexArray  # (S, N) unit points
-    arrived: BoolArray  # (S,)
+    z: ComplexArray  # (S, N) of unit norm
+    arrived: BoolArray  # (S,) whether the path has reached the end of its line
 
 
 def track_paths(
-    family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
+    group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    Each path has its own t from 0 to 1 and its own step. A step is accepted if its correction is small, and
-    doubled after several good ones; a rejected step is halved. A path is lost if its step becomes too short
-    or z too large for the chart.
+    The chart is random. Each path has its own t from 0 to 1 and its own step. A step is good if its
+    correction is small. The step is doubled after several good ones, and halved after any other, which is not
+    taken. A path is lost if its step becomes too short.
     """
-    chart = complex_normal(rng, family.size)
-    quadrics = family.quadrics(start)
-    homotopy = _LinearHomotopy(quadrics, family.quadrics(end) - quadrics, chart)
+    chart = complex_normal(rng, group.size)
+    quadrics = group.quadrics(start)
+    homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
     t = np.zeros(len(z))
     step = np.full(len(z), FIRST_STEP)
     good_steps = np.zeros(len(z), dtype=int)
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
-        h = np.minimum(step[live], 1.0 - t[live])
+        h = np.minimum(step[live], 1.0 - t[live])  # not beyond t = 1
         ahead, correction = homotopy.advance(z[live], t[live], h)
         is_good = correction < NEWTON_STEP
         z[live[is_good]] = ahead[is_good]
         t[live[is_good]] += h[is_good]
+
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
         grows = good_steps[live] >= STEPS_BEFORE_GROWTH
-        step[live] = h * np.where(is_good, 1.0, 0.5) * np.where(grows, 2.0, 1.0)
         good_steps[live[grows]] = 0
-        is_lost = (step[live] < MIN_STEP) | ~(np.linalg.norm(z[live], axis=1) < MAX_SIZE)
-        live = live[~is_lost & (t[live] < 1.0)]
+        step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
+
+        live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
     return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
@@ -135,7 +301,7 @@ def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArra
     """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, np.zeros_like(quadrics), chart)  # the same system at all t
-    for _ in range(REFINEMENT_STEPS):
+    for _ in range(NEWTON_STEPS):
         z = z + system.newton_step(z, np.zeros(len(z)))
     return z
 
@@ -143,77 +309,79 @@ def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArra
 class PathEnds(NamedTuple):
     """The ends of all S paths to one system."""
 
-    z: ComplexArray  # (S, N) solution, if the path has arrived
+    z: ComplexArray  # (S, N) solution, if the path has arrived; else the last point that was tracked
     arrived: BoolArray  # (S,)
     infinite: BoolArray  # (S,) the path grows like a path to infinity
     multiple: BoolArray  # (S,) the path did not arrive, and ends at a finite multiple solution
-    last: ComplexArray  # (S, N) last point that the endgame tracked; it distinguishes paths with equal ends
 
 
-def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
+def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> PathEnds:
     """Find the ends of all S paths from the start system to a target system.
 
-    The endgame tracks again all paths that do not arrive or that end far away, and decides how they end.
+    The endgame decides the ends of paths that do not arrive or that end far away.
 
     Args:
-        coefficients: (K, M) of the K quadrics of the target system, in M monomials.
+        coefficients: (K, M) of the target system.
         seed: of the random phases of the start system, on which the paths depend.
     """
-    rng = np.random.default_rng([PATH_SEED, seed])
-    start_system = solve_start_system(family)
+    rng = np.random.default_rng(seed)
+    start_system = solve_start_system(group)
+    start = _rotate_phases(start_system.coefficients, rng)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    start = _rotate_phases(family, start_system.coefficients, rng)
-    z, arrived = track_paths(family, start, target, start_system.z, rng)
-    infinite, multiple = np.zeros((2, len(z)), dtype=bool)
-    ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple, last=z.copy())
+    z, arrived = track_paths(group, start, target, start_system.z, rng)
 
-    doubtful = np.flatnonzero(~arrived | (displacement_sizes(family, z) > MAX_FINITE_SIZE))
-    endgame = _endgame(family, start, target, start_system.z[doubtful], rng)
-    # a path that arrived far away keeps its solution; the endgame only decides whether it goes to infinity
-    has_arrived = arrived[doubtful]
-    endgame.z[has_arrived] = z[doubtful[has_arrived]]
-    endgame.arrived[has_arrived] = True
-    endgame.multiple[has_arrived] = False
-    assign(ends, doubtful, endgame)
+    is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
+    infinite, multiple = np.zeros((2, len(z)), dtype=bool)
+    ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
+    last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
+    _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
+    ends.z[~ends.arrived] = last[~ends.arrived]
     return ends
 
 
-def displacement_sizes(family: QuadricFamily, z: ComplexArray) -> Array:
+def displacement_sizes(group: Displacements, z: ComplexArray) -> Array:
     """Compute the sizes (S,) of displacements z (S, N), infinite at infinity.
 
-    The size is the norm of all members of the family at z, divided by the modulus of the first member.
+    The size is the norm of all members of the group at z, divided by the modulus of the first member, which
+    is zero only at infinity.
     """
-    values = family.values(z)
+    values = group.values(z)
     with np.errstate(divide="ignore"):
         return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
 
 
-def _endgame(
-    family: QuadricFamily,
-    start: ComplexArray,
-    target: ComplexArray,
-    z: ComplexArray,
+def _run_endgame(
+    group: Displacements,
+    line: tuple[ComplexArray, ComplexArray],
+    ends: PathEnds,
+    last: ComplexArray,
+    live: BoolArray,
     rng: np.random.Generator,
-) -> PathEnds:
-    """Classify the ends of paths from z (S, N) by their growth over shrinking segments.
+) -> None:
+    """Classify paths by their growth over shrinking segments, in place.
 
     After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. If the size behaves as s^-w,
     a segment has the exponent w = -(change of log size) / log(ratio). The exponents of successive segments
-    distinguish infinity (the same w > 0) from a finite end (w = 0), to which the path is then tracked.
+    distinguish infinity (the same w > 0) from a finite end (w = 0). A path with a finite end is tracked to
+    it, unless it has arrived before.
+
+    Args:
+        line: coefficients (K, M) of the start system and of the target system.
+        ends: of all S paths.
+        last: (S, N) points of the paths, at the start of the line if live; the last points on return.
+        live: (S,) paths to classify; becomes False where a path is classified or lost.
     """
-    arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
-    ends = PathEnds(z=z.copy(), arrived=arrived, infinite=infinite, multiple=multiple, last=z.copy())
-    live = np.ones(len(z), dtype=bool)  # neither classified nor lost
-    log_sizes = [np.log(displacement_sizes(family, z))]
+    start, target = line
     segment_start = start
+    log_sizes = [np.log(displacement_sizes(group, last))]
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         if not live.any():
             break
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        tracked = track_paths(family, segment_start, segment_end, ends.last[live], rng)
-        ends.last[live] = tracked.z
+        tracked = track_paths(group, segment_start, segment_end, last[live], rng)
+        last[live] = tracked.z
         live[live] = tracked.arrived
-        log_sizes.append(np.log(displacement_sizes(family, ends.last)))
+        log_sizes.append(np.log(displacement_sizes(group, last)))
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
@@ -221,28 +389,29 @@ def _endgame(
         changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S) over the last A segments
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
-        ends.infinite[is_infinite] = True
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
-        tracked = track_paths(family, segment_end, target, ends.last[is_finite], rng)
-        ends.z[is_finite], ends.arrived[is_finite] = tracked
-        ends.multiple[is_finite] = ~tracked.arrived
         live &= ~(is_infinite | is_finite)
-    return ends
+        ends.infinite[is_infinite] = True
+
+        is_open = is_finite & ~ends.arrived
+        last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
+        ends.z[is_open], ends.arrived[is_open] = last_stretch
+        ends.multiple[is_open] = ~last_stretch.arrived
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
-    """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
-    agree = np.ptp(w, axis=0) < MAX_EXPONENT_SPREAD * w.max(axis=0)
+    """Return whether the exponents w (A, S) of A segments are positive, agree, and sizes are large, (S,)."""
+    agree = np.ptp(w, axis=0) < ENDGAME_MIN_EXPONENT
     is_large = log_size > np.log(MIN_INFINITE_SIZE)
     return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0, t from 0 to 1, in the chart."""
+    """Equations of all paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
 
-    start: ComplexArray  # (N - 1, N, N)
-    change: ComplexArray  # (N - 1, N, N)
-    chart: ComplexArray  # (N,) chart . z = 1
+    start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
+    change: ComplexArray  # (N - 1, N, N) from t = 0 to t = 1
+    chart: ComplexArray  # (N,)
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); the chart row is last."""
@@ -256,13 +425,13 @@ class _LinearHomotopy(NamedTuple):
         chart . dz/dt = 0.
         """
         right = np.zeros_like(z)
-        right[:, :-1] = -0.5 * np.einsum("ski,si->sk", matrix_products(self.change, z), z)
+        right[:, :-1] = -0.5 * np.matvec(matrix_products(self.change, z), z)
         return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N), of least norm where the Jacobian is singular."""
         half_jacobian = self.half_jacobian(z, t)
-        half_values = 0.5 * np.einsum("ski,si->sk", half_jacobian, z)
+        half_values = 0.5 * np.matvec(half_jacobian, z)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
@@ -270,7 +439,7 @@ class _LinearHomotopy(NamedTuple):
         """Advance z (S, N) from t to t + h, each (S,); return z and relative corrections (S,).
 
         The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method. The
-        correction returned is that of the last Newton step, relative to |z|.
+        correction returned is the size of the last Newton step, relative to |z|.
         """
         H = h[:, None]  # (S, 1) multiplies vectors
         k1 = self.rate(z, t)
@@ -278,7 +447,8 @@ class _LinearHomotopy(NamedTuple):
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)
         k4 = self.rate(z + H * k3, t + h)
         ahead = z + H / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        for _ in range(CORRECTOR_STEPS):
+
+        for _ in range(NEWTON_STEPS):
             correction = self.newton_step(ahead, t + h)
             ahead = ahead + correction
         return ahead, np.linalg.norm(correction, axis=1) / np.linalg.norm(ahead, axis=1)

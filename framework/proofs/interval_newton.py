@@ -1,9 +1,9 @@
 """Interval Newton steps for stacks of boxes: linear equations with errors, and bordered systems.
 
-A box has a middle and radii; a `LinearEnclosure` encloses equations in boxes. `contract` narrows boxes by
-linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
-5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity. `krawczyk` proves the
-existence of solutions. All rounding errors are bounded, see `rounding`.
+A box has a middle and radii; a `LinearEnclosure` encloses m equations in S boxes of k unknowns. `contract`
+narrows boxes by linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of
+Equations, 1990, chapter 5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity.
+`krawczyk` proves the existence of solutions. All rounding errors are bounded, see `rounding`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from framework.proofs.rounding import (
     identity_defect,
 )
 
-MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 MAX_CONTRACTION = 0.99  # norm of 1 - X M; with a larger one M may be singular
+MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 
 
 class LinearEnclosure(NamedTuple):
@@ -36,22 +36,22 @@ class LinearEnclosure(NamedTuple):
     errors: Array  # (S, m) rounding included
 
     def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
+        """Enclose the combinations mixers (S, p, m) of the equations, in boxes of radii (S, k)."""
         largest = np.abs(self.values) + np.matvec(np.abs(self.slopes), radii)  # (S, m) in the box
         rounding = gamma(self.values.shape[1]) * ROUND_UP * largest
         errors = ROUND_UP * np.matvec(np.abs(mixers), self.errors + rounding)
         return LinearEnclosure(np.matvec(mixers, self.values), mixers @ self.slopes, errors)
 
-    def concatenate(self, *others: LinearEnclosure) -> LinearEnclosure:
-        """Join the equations of several enclosures over the same boxes."""
-        return LinearEnclosure(*(np.concatenate(parts, axis=1) for parts in zip(self, *others, strict=True)))
+    def concatenate(self, other: LinearEnclosure) -> LinearEnclosure:
+        """Join the equations of two enclosures over the same boxes."""
+        return LinearEnclosure(*map(np.hstack, zip(self, other, strict=True)))
 
 
 class Contracted(NamedTuple):
     """The parts of S boxes that may hold solutions, as offsets from the middles."""
 
     lower: Array  # (S, k)
-    upper: Array  # (S, k) less than `lower` where a box provably holds no solution
+    upper: Array  # (S, k) less than `lower` in some coordinate if the box provably holds no solution
 
     @property
     def empty(self) -> BoolArray:
@@ -69,16 +69,21 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
         |d_j + values_i / slopes_ij| <= (sum over l != j of |slopes_il| r_l + errors_i) / |slopes_ij|.
     """
     values, slopes, errors = equations.concatenate(equations.combine(mixers, radii))
+
+    # the largest terms slopes_ij d_j, and their sums without the term of the unknown itself
     terms = np.abs(slopes) * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)  # (S, m + p)
     others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) the errors and all terms but j
     is_useful = terms > MIN_TERM_RATIO * totals[:, :, None]
+
+    # each equation bounds each unknown; the intersection of all intervals remains
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
         rounding = 8 * UNIT_ROUNDOFF * np.abs(root)
         half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
     lower = np.maximum((root - half_width).max(axis=1), -radii)
     upper = np.minimum((root + half_width).min(axis=1), radii)
+
     is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)  # an equation is zero nowhere in the box
     lower[is_impossible] = 1.0  # lower > upper marks an empty box
     upper[is_impossible] = -1.0
@@ -88,27 +93,27 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     """Invert m independent columns of slopes (S, m, k), m <= k; return mixers (S, m, m).
 
-    The columns are those with the largest terms in the box, chosen by Gaussian elimination with complete
-    pivoting.
+    The columns are those with the largest terms slopes * radii in the box, chosen by Gaussian elimination
+    with complete pivoting.
     """
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
     pivots = np.empty((S, m), dtype=np.intp)  # columns
-    each = np.arange(S)  # picks, with row and column (S,), one entry in every box
+    box = np.arange(S)  # `box`, `row` and `column` (S,) pick one entry of every box
     for step in range(m):
         # the largest remaining entry is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)
         pivots[:, step] = column
-        pivot = remaining[each, row, column]
-        multiples = remaining[each, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
-        remaining -= multiples[:, :, None] * remaining[each, row][:, None]
-        remaining[each, row] = 0.0
-        remaining[each, :, column] = 0.0
+        pivot = remaining[box, row, column]
+        multiples = remaining[box, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
+        remaining -= multiples[:, :, None] * remaining[box, row][:, None]
+        remaining[box, row] = 0.0
+        remaining[box, :, column] = 0.0
     return approximate_inverses(np.take_along_axis(slopes, pivots[:, None], axis=2))
 
 
 def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
-    """Compute mixers (S, k + m, m), m >= k, for slopes that may lose rank.
+    """Compute mixers (S, k + m, m), m >= k, from slopes (S, m, k) that may lose rank.
 
     Divided by the errors and multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are
     the damped inverse V diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses
@@ -120,11 +125,14 @@ def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
     U_rows = U.swapaxes(1, 2)
     damping = (s / (s**2 + 1.0))[:, None]
     inverse = V_rows.swapaxes(1, 2) * damping @ U_rows
-    return np.concatenate([inverse, U_rows], axis=1) * weights[:, None]
+    return np.hstack([inverse, U_rows]) * weights[:, None]
 
 
 class LastColumns(NamedTuple):
-    """Enclosed solutions z of M z = e, e the last unit vector, for S interval matrices."""
+    """Enclosed solutions z of M z = e for S interval matrices M (k, k).
+
+    e is the last unit vector, so z is the last column of the inverse.
+    """
 
     valid: BoolArray  # (S,) whether all matrices of the interval are regular
     z: Array  # (S, k) approximate solution for the middle of the interval
@@ -139,24 +147,23 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     singular value of P. With e = (0, ..., 0, 1), M z = e has the solution z = (eta, g), and M' z = e the
     solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts 2000).
 
-    Returns:
-        The enclosures of (eta, g) and of (psi, g).
-
     Args:
         P: (S, s, s) matrices at the middles of S boxes.
         errors: (S, s, s) bounds on the change of the entries of P within a box.
         rounding: bound on the error of the entries of P as computed at the middle.
+
+    Returns:
+        The enclosures of (eta, g) and of (psi, g).
     """
-    S, s = P.shape[:2]
     U, _, V_rows = np.linalg.svd(P)
     b = U[:, :, -1:]  # (S, s, 1)
     c_row = V_rows[:, -1:]  # (S, 1, s)
-    M = np.block([[P, b], [c_row, np.zeros((S, 1, 1))]])
+    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])
     X = approximate_inverses(M)
-    M_errors = np.zeros_like(M)
-    M_errors[:, :s, :s] = errors + rounding
-    M_t, X_t, errors_t = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
-    return _enclose_last_column(M, X, M_errors, rounding), _enclose_last_column(M_t, X_t, errors_t, rounding)
+    M_errors = np.pad(errors + rounding, ((0, 0), (0, 1), (0, 1)))  # the border is exact
+    right = _enclose_last_column(M, X, M_errors, rounding)
+    left = _enclose_last_column(M.swapaxes(1, 2), X.swapaxes(1, 2), M_errors.swapaxes(1, 2), rounding)
+    return right, left
 
 
 def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -> LastColumns:
@@ -175,15 +182,17 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     e = np.eye(k)[-1]
     z_size = np.abs(z)
     X_size = np.abs(X)
+
     row_sums = ROUND_UP * (identity_defect(X, M) + X_size @ M_errors).sum(axis=2)  # (S, k) of N
     norm = row_sums.max(axis=1)
     valid = norm < MAX_CONTRACTION
+
     residual_rounding = gamma(k) * (np.matvec(np.abs(M), z_size) + e)
     residual = np.abs(e - np.matvec(M, z)) + residual_rounding
 
     def solution_error(product_error: Array) -> Array:
         """Bound |z - z~| (S, k) given the error (S, k) of the product M z~."""
-        direct = ROUND_UP * np.matvec(X_size, residual + product_error)
+        direct = ROUND_UP * np.matvec(X_size, residual + product_error)  # without the term with N
         largest = ROUND_UP * direct.max(axis=1) / np.where(valid, 1.0 - norm, 1.0)
         return direct + row_sums * largest[:, None]
 

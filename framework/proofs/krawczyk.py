@@ -10,8 +10,9 @@ Methods for Systems of Equations, 1990, section 5.1). The same holds for holomor
 numbers (Rump 1983). If the test fails, it is repeated with a box a little larger than the image
 (epsilon-inflation, Rump 2010). All rounding errors are bounded, see `rounding`.
 
-`prove_existence` tests linearised equations in real unknowns, of which one may be a parameter;
-`enclose_solutions` tests quadrics in complex unknowns. `regular_ball` has its own bound of the image.
+`NewtonMap` bounds the image for all tests: `prove_existence` for linearised equations in real unknowns, of
+which one may be a parameter; `enclose_solutions` for quadrics in complex unknowns; and `regular_ball` for the
+joints of all platform coordinates in a cell.
 
 If a real system has exactly one solution in a disc about a real point, this solution is real: its conjugate
 lies in the disc, too. If a disc does not meet its mirror image, the solution in it is not real.
@@ -35,27 +36,53 @@ from framework.proofs.rounding import (
 )
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
-MAX_TESTS = 6  # of a box that is widened until the test holds
-MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and overflow
-RANDOM_CHARTS = 200
+MAX_TESTS = 6  # of a box, which is widened after each test that fails
+MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes
+RANDOM_CHARTS = 200  # of which the best is taken
+
+
+class NewtonMap(NamedTuple):
+    """The map z -> z - Y F(z) about S points, in k unknowns.
+
+    z is the offset from the point.
+    """
+
+    Y: Any  # (S, k, k) near the inverse of J at the point; zero where J is singular
+    root: Any  # (S, k) value of the map at the point: -Y F
+    rounding: Array  # (S, k) bound on the error of `root`
+    defect: Array  # (S, k, k) bound on |1 - Y J| at the point
+
+    @staticmethod
+    def of(J: Any, values: Any) -> NewtonMap:
+        """Return the map for equations with the values F (S, k) and the Jacobian J (S, k, k)."""
+        Y = approximate_inverses(J)
+        rounding = gamma(2 * values.shape[1]) * np.matvec(np.abs(Y), np.abs(values))
+        return NewtonMap(Y, -np.matvec(Y, values), rounding, identity_defect(Y, J))
+
+    def errors(self, value_errors: Array, radii: Array) -> Array:
+        """Bound the distance (S, k) of the map from `root`, over boxes of radii (S, k).
+
+        Args:
+            value_errors: (S, k) bounds on the distance of F from values + J z within the boxes.
+        """
+        errors = self.rounding + np.matvec(np.abs(self.Y), value_errors) + np.matvec(self.defect, radii)
+        return ROUND_UP**2 * errors
 
 
 Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
-def widen_until_proved(
-    test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
-) -> Tested:
+def widen_until_proved(test: Callable[[Array], Tested], radii: Array) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
-    At most MAX_TESTS tests are made. Wider radii are at least `min_radius`, and `max_radius` or little more
-    at most.
+    At most MAX_TESTS tests are made. Wider radii are at least MIN_RADIUS, and MAX_RADIUS or little more at
+    most.
     """
     tested = test(radii)
     for _ in range(MAX_TESTS - 1):
         if tested.proved.all():
             break
-        wider = np.minimum(WIDENING_RATIO * tested.image, max_radius) + min_radius
+        wider = np.minimum(WIDENING_RATIO * tested.image, MAX_RADIUS) + MIN_RADIUS
         tested = test(np.where(tested.proved[:, None], tested.radii, wider))
     return tested
 
@@ -75,42 +102,38 @@ def prove_existence(
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes.
 
-    There are k = m unknowns, or k = m + 1 with a parameter p. The equation of the parameter is d_p = p, so
-    the square J (S, k, k) has the unit row of p below the slopes. With Y near the inverse of J, the map takes
-    the box to
-
-        root + along p + error,    root = -Y [values; 0],    along = Y [0; 1],
-        |error| <= |Y| [errors + slope_changes r; 0] + |1 - Y J| r.
+    There are k = m unknowns, or k = m + 1 with a parameter p, which takes all values within its radius. The
+    equation of the parameter is d_p = p, so the square J (S, k, k) has the unit row of p below the slopes.
+    The solutions are root + along p + error, where the vector along = Y [0; 1] is the column of p.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
         slope_changes: (S, m, k) bounds on the changes of the slopes within the box.
-        radii: (S, k) of the boxes, r in the formulas.
+        radii: (S, k) of the boxes.
         parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
+    # J, values and errors of m equations, and of d_p = p at p = 0
     parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
-    J = np.concatenate([equations.slopes, parameter_rows], axis=1)
-    Y = approximate_inverses(J)
-    along = Y[:, :, m:].sum(axis=2)  # (S, k) the column of p; a sum of no columns, 0, without p
-    Y_m = Y[:, :, :m]  # (S, k, m) columns of the equations
+    J = np.hstack([equations.slopes, parameter_rows])
+    exact = np.zeros((S, k - m))
+    newton = NewtonMap.of(J, np.hstack([equations.values, exact]))
+    value_errors = equations.errors + ROUND_UP * np.matvec(slope_changes, radii)
+    errors = newton.errors(np.hstack([value_errors, exact]), radii)
 
-    root = -np.matvec(Y_m, equations.values)  # (S, k)
-    errors = equations.errors + gamma(m) * np.abs(equations.values)
-    errors += np.matvec(slope_changes + gamma(m) * np.abs(equations.slopes), radii)  # (S, m) within the box
-    error = np.matvec(np.abs(Y_m), errors) + np.matvec(identity_defect(Y, J), radii)
-    error = ROUND_UP * error + gamma(m) * np.abs(root)
+    # the image of the box
+    along = newton.Y[:, :, m:].sum(axis=2)  # (S, k) the column of p, or 0 without p
     p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
-    reach = ROUND_UP * (error + ROUND_UP * np.abs(along) * p_radius)  # largest distance from the root
-    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # the image is in the box
+    reach = ROUND_UP * (errors + np.abs(along) * p_radius)  # largest distance from the root
+    is_inside = ROUND_UP * (np.abs(newton.root) + reach) < radii  # the image is in the box
     is_inside |= is_parameter  # p is given, not solved for
     return Existence(
-        proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),  # Y is 0 where J is singular
-        lower=root - reach,
-        upper=root + reach,
+        proved=is_inside.all(axis=1) & newton.Y.any(axis=(1, 2)),
+        lower=newton.root - reach,
+        upper=newton.root + reach,
         along=along,
-        spread=ROUND_UP * error + np.abs(root),
+        spread=ROUND_UP * (errors + np.abs(newton.root)),
     )
 
 
@@ -118,7 +141,7 @@ def prove_existence(
 
 
 class Enclosures(NamedTuple):
-    """Polydiscs about S points of the projective space P^(N-1), in a chart."""
+    """Polydiscs about S points of the projective space P^(N-1), in a chart: a disc for each coordinate."""
 
     proved: BoolArray  # (S,) to hold exactly one solution
     radii: Array  # (S, N)
@@ -129,53 +152,39 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
     """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
 
     The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N). Their Jacobian (2 Q z, chart)
-    changes by at most 2 |Q| r within radii r. With Y near its inverse, the image of a polydisc has the radii
-
-        |Y F(z)| + (|1 - Y J(z)| + |Y| 2 |Q| r) r.
-
-    The proof holds for every system with coefficients in the discs.
+    changes by at most 2 |Q| r within radii r. The proof holds for every system with coefficients in the
+    discs. Tests begin with twice the image of the point z.
 
     Args:
         quadrics: the middles of the symmetric matrices Q.
         radii: (N - 1, N, N) of the entries of Q; zero for exact entries.
         chart: (N,) real and exact; z is normalised to chart . z = 1.
     """
-    residual, J, J_error = _evaluate_quadrics(quadrics, radii, chart, z)
-    Y = approximate_inverses(J)
-    Y_size = np.abs(Y)
-    offset = ROUND_UP**2 * np.matvec(Y_size, residual)  # at least |Y F(z)|
-    defect = identity_defect(Y, J) + Y_size @ J_error  # at least |1 - Y J(z)|
+    z_size = np.abs(z)
+    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
+    F = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])
+    newton = NewtonMap.of(append_row(2 * gradients, chart), F)
+
+    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
     Q_size = ROUND_UP * np.abs(quadrics) + radii
+    gradient_errors = matrix_products(rounding * Q_size + radii, z_size)
+    chart_error = rounding * (z_size @ np.abs(chart) + 1.0)
+    F_errors = np.column_stack([np.matvec(gradient_errors, z_size), chart_error])
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size, r), 0.0 * chart)
-        image = ROUND_UP * (offset + ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r))
-        return Enclosures(np.all(image < r, axis=1), r, image)
+        J_errors = append_row(2 * (gradient_errors + matrix_products(Q_size, r)), rounding * np.abs(chart))
+        image = ROUND_UP * (np.abs(newton.root) + newton.errors(F_errors + np.matvec(J_errors, r), r))
+        return Enclosures(np.all(image < r, axis=1) & newton.Y.any(axis=(1, 2)), r, image)
 
-    return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
-
-
-def _evaluate_quadrics(
-    quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray
-) -> tuple[Array, ComplexArray, Array]:
-    """Compute a bound on |F| (S, N), J and its errors (S, N, N) at z (S, N)."""
-    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
-    chart_size = np.abs(chart)
-    z_size = np.abs(z)
-    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = matrix_products(rounding * ROUND_UP * np.abs(quadrics) + radii, z_size)
-    F = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])
-    chart_error = rounding * (z_size @ chart_size + 1.0)
-    F_error = ROUND_UP * np.column_stack([np.matvec(gradient_errors, z_size), chart_error])
-    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * chart_size)
-    return np.abs(F) + F_error, append_row(2 * gradients, chart), J_error
+    first_image = test(np.zeros_like(F_errors)).image
+    return widen_until_proved(test, 2 * first_image + MIN_RADIUS)
 
 
 def choose_chart(z: ComplexArray) -> Array:
     """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
 
-    Of RANDOM_CHARTS unit vectors it is the one with the largest minimum of |chart . z| / |z|.
+    Of RANDOM_CHARTS unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.
     """
     charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
@@ -185,7 +194,7 @@ def choose_chart(z: ComplexArray) -> Array:
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
     """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
-    distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
+    distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N), rounded down
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal
     return int(is_apart.sum()) == len(z) * (len(z) - 1)

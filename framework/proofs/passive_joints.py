@@ -15,63 +15,57 @@ from framework.kinematics.frames import FrameStack, difference, frames_at, integ
 from framework.kinematics.linearised_loops import equation_sizes, linearised_at, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import cross
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
+from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.krawczyk import prove_existence
+from framework.proofs.rounding import approximate_inverses
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
-RANDOM_STARTS = 24  # for each pose of the platform
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
+RANDOM_STARTS = 300  # of a search for all solutions
+STARTS_PER_POSE = 24  # of the platform
 RANDOM_SEED = 11
-MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X J - 1| for an inverse X that a proof uses
-INVERSE_FACTOR = 1.2  # from the norm of X to a bound on |J^-1|: more than 1 / (1 - MAX_INVERSE_DEFECT)
+MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
-def find_joints_at_poses(
-    robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
-) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at k given poses.
+def find_joints_at_pose(
+    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None
+) -> Array | None:
+    """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
-    Motors and springs stay as in q (1, nq). For each pose the configuration nearest to the reference is
-    returned, or None if none is found.
+    Motors and springs stay as in q (nq,). The result is None if no configuration is found.
 
     Args:
-        positions: (k, 3) of the frame's origin.
-        rotations: (k, 3, 3) of the frame; None to leave them free.
+        position: (3,) of the frame's origin.
+        rotation: (3, 3) of the frame; None to leave the rotation free.
     """
-    targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
-    target_rotations = None if rotations is None else np.repeat(rotations, RANDOM_STARTS, axis=0)
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, 3 or 6) of the platform's frame from the targets, and slopes (T, .., nv)."""
-        offsets = (frames.position[:, 0] - targets) / robot.length
-        slopes = frames.frame_jacobian(0) * robot.column_scale  # linear, then angular rows
-        slopes[:, :3] /= robot.length
-        if target_rotations is None:
-            return offsets, slopes[:, :3]
-        turns = _rotation_offsets(frames.rotation[:, 0], target_rotations)
-        return np.hstack([offsets, turns]), slopes
+        """Compute offsets (T, 3 or 12) of the platform's frame from the pose, and slopes (T, .., nv)."""
+        offsets = (frames.position[:, 0] - position) / robot.length
+        slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
+        if rotation is None:
+            return offsets, slopes
+        turns, turn_slopes = attitude_equations(frames, rotation)
+        return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
-    starts = np.tile(draw_starts(robot, q, robot.passive, RANDOM_STARTS), (len(positions), 1))
-    q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
-    nearest_poses = list[Array | None]()
-    for first in range(0, len(q), RANDOM_STARTS):
-        of_target = slice(first, first + RANDOM_STARTS)
-        candidates = remove_whole_turns(robot, q[of_target][closed[of_target]])
-        nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
-    return nearest_poses
+    starts = draw_starts(robot, q, robot.passive, STARTS_PER_POSE)
+    ends, closed = close_all_loops(robot, starts, robot.following, pose_equations)
+    poses = remove_whole_turns(robot, ends[closed])
+    return min(poses, key=partial(distance_from_reference, robot), default=None)
 
 
-def _rotation_offsets(rotations: Array, targets: Array) -> Array:
-    """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from targets (T, 3, 3).
+def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
+    """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
 
-    With G = R R_target', they are the axial vector of (G - G') / 2. Its norm is the sine of the angle, which
-    is zero at half a turn, too. Where the trace of G is negative, the angle is above a right angle; there 1
-    is added, so that half a turn does not count as none.
+    The derivative of an axis e along a joint that turns about w_j is w_j x e.
     """
-    G = rotations @ targets.swapaxes(1, 2)
-    offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # entries zy, xz, yx
-    offsets[:, 0] += np.trace(G, axis1=1, axis2=2) < 0
-    return offsets
+    axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
+    turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
+    slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, axis, nv, 3)
+    offsets = (axes - rotation.T).reshape(-1, 9)
+    return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
 
 
 def close_all_loops(
@@ -90,7 +84,7 @@ def close_all_loops(
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
     """
-    is_last = False
+    is_last = False  # whether the last step has been taken
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         values, slopes = scaled_equations(robot, robot.rows, frames)
@@ -98,10 +92,12 @@ def close_all_loops(
             extra_values, extra_slopes = extra_equations(frames)
             values = np.hstack([values, extra_values])
             slopes = np.hstack([slopes, extra_slopes])
+
         size = np.abs(values).max(axis=1)  # (T,)
         if is_last or not len(q):
             break
         is_last = bool((size < LOOP_GAP).all())
+
         step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
         step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
         q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
@@ -109,7 +105,7 @@ def close_all_loops(
 
 
 def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
-    """Draw configurations (count, nq): q (1, nq) itself, then q with the joints `columns` at random.
+    """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
 
     Hinges turn by up to half a turn, slides move by up to a robot length.
     """
@@ -119,14 +115,14 @@ def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -
     return integrate_columns(robot, q, columns, steps)
 
 
-def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference.
+def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray | slice = slice(None)) -> Array:
+    """Compute offsets (..., nv) [rad, m] of q (..., nq) from the reference.
 
-    Angles of hinges in `columns` are wrapped to within half a turn.
+    Angles of hinges in `columns`, by default all, are wrapped to within half a turn.
     """
     offset = difference(robot, robot.reference.q, q)
-    hinges = columns[~robot.sliding[columns]]
-    offset[..., hinges] = wrap_angles(offset[..., hinges])
+    chosen = offset[..., columns]
+    offset[..., columns] = np.where(robot.sliding[columns], chosen, wrap_angles(chosen))
     return offset
 
 
@@ -143,35 +139,48 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
 def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bool = False) -> bool:
     """Return whether the loops provably have one solution near q (nq,), motors locked.
 
-    With `platform_locked` the platform is locked instead of the motors; springs are always locked. The
-    theorem of Newton and Kantorovich (Ortega 1968) requires beta^2 K |F| <= 1/2 in the largest-entry norm, in
-    radians and robot lengths. F (k,) are the loop equations (and the platform's), J (k, k) is their Jacobian,
-    beta = |J^-1|, and K = k^2 max |d2F| bounds the change of J. The second derivatives are bounded by the
-    length L of all links in one line: no joint turns a frame at a larger distance, and an equation is a
-    product of two vectors that turn. Each such product has second derivatives of at most 4 L^2 for L >= 1,
-    doubled here as a margin.
+    With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
+    is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
+    loops (and the platform).
     """
     linearised = linearised_at(robot, q[None], None)
-    matrix_of = type1_matrix if platform_locked else passive_matrix
-    J = matrix_of(robot, linearised)[0]  # (k, k)
-    if J.shape[0] != J.shape[1]:
+    values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
+    J = type1_matrix(robot, linearised)
+    if not platform_locked:
+        values = values[:, robot.n :]
+        J = passive_matrix(robot, linearised)
+    _, k, joints = J.shape
+    if k != joints:
         return False
-    inverse = np.linalg.pinv(J)
-    if np.abs(inverse @ J - np.eye(len(J))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
-        return False
+    rounding, second_derivative = _bound_equations(robot, q)
+    inverse_size = np.abs(approximate_inverses(J))
+    radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
+    slope_changes = np.full_like(J, second_derivative * k * radius + rounding)
+    equations = LinearEnclosure(values, J, np.full_like(values, rounding))
+    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
+    return bool(proof.proved[0])
+
+
+def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
+    """Bound the rounding and the second derivatives of dimensionless loop equations near q (nq,).
+
+    The bounds follow from the length L of all links in one line: no joint turns a frame at a larger distance,
+    and an equation is a product of two vectors that turn. Each such product has second derivatives of at most
+    4 L^2 for L >= 1.
+    """
     max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
-    gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]  # of the loops
-    residual = gaps.max() + FRAME_ROUNDING * max_length
+    row_size = robot.structure.row_sizes.min(initial=1.0)
     units = np.where(robot.loops.square, robot.length, 1.0)
     max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = 8.0 * max_length**2 * max_weight / robot.structure.row_sizes.min(initial=1.0)
-    K = len(J) ** 2 * second_derivative
-    beta = INVERSE_FACTOR * np.abs(inverse).sum(axis=1).max()
-    return bool(beta**2 * K * residual <= 0.5)
+    second_derivative = (2 * max_length) ** 2 * max_weight / row_size
+    return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows (T, k) that repeat no earlier row up to whole turns."""
+    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
+
+    Rows are compared with those kept so far. Slides [robot lengths] are compared like angles.
+    """
     points = np.exp(1j * joints)  # on the unit circle
     distinct = list[int]()
     for k, point in enumerate(points):

@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
@@ -34,9 +35,10 @@ from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, join, select
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
-from framework.proofs.equation_terms import moving_balls
-from framework.proofs.krawczyk import widen_until_proved
+from framework.proofs.equation_terms import list_unbounded_joints
+from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
 from framework.proofs.rounding import (
+    REACH_MARGIN,
     ROUND_UP,
     WIDENING_RATIO,
     approximate_inverses,
@@ -47,15 +49,11 @@ from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
-CELLS_PER_BATCH = 1024
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
-MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
-MAX_STEP = 0.5  # [rad, lengths] largest motion of a joint before the loops are closed
+MAX_TURN = np.pi / 2 / REACH_MARGIN  # [rad] of a ball; beyond a right angle the sine has two angles
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
-MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
-MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
 
@@ -64,10 +62,11 @@ def prove_regular_ball(
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2.
-    The radius is 0 if nothing is proved. For platforms that turn about three axes or have more than three
-    coordinates, only one cell is tried. Nothing is proved for platforms that turn about two axes, or about
-    one without moving in a plane, nor for robots with moving ball joints or couplings.
+    The pose has the platform coordinates x (n,) and the configuration q (nq,). In the open ball no pose on
+    the branch of q is singular, of Type 1 or Type 2. The radius is 0 if nothing is proved. For platforms that
+    turn about three axes or have more than three coordinates, only one cell is tried. Nothing is proved for
+    platforms that turn about two axes, or about one without moving in a plane, nor for robots with moving
+    ball joints or couplings.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
@@ -77,8 +76,9 @@ def prove_regular_ball(
     attitude = platform.attitude if isinstance(platform, FramePlatform) else None
     turns_in_plane = isinstance(attitude, TwistAngle) and planar_normal(robot) is not None
     unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
-    if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
+    if list_unbounded_joints(robot) or unmeasured_turn:
         return 0.0
+
     test = CellTest(DerivativeBounds.of(robot), x)
     single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
@@ -93,7 +93,7 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     First `within` [robot lengths, rad] is halved repeatedly. Then radii in small steps are tried, from the
     largest proved one to its double.
     """
-    halved = _largest_proved(test, q, within * np.exp2(-np.arange(MAX_HALVINGS)))
+    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(MAX_HALVINGS)))
     if not halved:
         return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -102,112 +102,127 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
 
 def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
     """Return the largest of the radii (S,) of balls about q (nq,) that are proved; 0 for none."""
-    offsets = np.zeros((len(radii), len(test.x)))  # all middles are at the pose
-    cells = test(offsets, np.tile(q, (len(radii), 1)), radii, ball=True)
+    at_pose = np.zeros((len(radii), len(test.x)))
+    cells = test(at_pose, np.tile(q, (len(radii), 1)), radii, dual_norm=2)
     return float(radii[cells.proved].max(initial=0.0))
 
 
 class _Cubes(NamedTuple):
-    """S cubes of a grid, each with its cell; an untested cube has the cell of its parent."""
+    """S cubes of nested grids, each with its cell; an untested cube has the cell of its parent.
+
+    The first cube contains the pose at 0 and has the width 1. Each level halves the width.
+    """
 
     level: IntArray  # (S,) number of halvings of the first cube
     numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
     cells: Cells
 
+    @property
+    def widths(self) -> Array:
+        """Widths (S, 1) of the cubes."""
+        return np.ldexp(1.0, -self.level[:, None])
+
+    def middles(self) -> Array:
+        """Compute the middles (S, n) of cubes, relative to the pose."""
+        return (self.numbers + 0.5) * self.widths - OFF_CENTRE
+
+    def nearest_points(self) -> Array:
+        """Compute the point (S, n) of each cube that is nearest to the pose, relative to the pose."""
+        lower = self.numbers * self.widths - OFF_CENTRE
+        upper = (self.numbers + 1) * self.widths - OFF_CENTRE
+        return np.clip(0.0, lower, upper)
+
     def split(self) -> _Cubes:
         """Split each cube into 2^n cubes of half the width."""
         S, n = self.numbers.shape
-        corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
+        corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) all rows of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
         numbers = 2 * self.numbers[parent] + np.tile(corners, (S, 1))
         return _Cubes(self.level[parent] + 1, numbers, select(self.cells, parent))
 
+    def inward_neighbours(self) -> IntArray:
+        """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none.
 
-class _Grid(NamedTuple):
-    """Nested cubes about the pose at 0: each level halves the width."""
-
-    width: float  # of the first cube [robot lengths, rad]
-
-    def middles(self, cubes: _Cubes) -> Array:
-        """Compute the middles (S, n) of cubes, relative to the pose."""
-        return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
-
-    def nearest_points(self, cubes: _Cubes) -> Array:
-        """Compute the point (S, n) of each cube that is nearest to the pose, relative to the pose."""
-        size = 0.5 ** cubes.level[:, None]
-        lower = cubes.numbers * size - OFF_CENTRE
-        upper = (cubes.numbers + 1) * size - OFF_CENTRE
-        return self.width * np.clip(0.0, lower, upper)
-
-    def distances(self, cubes: _Cubes) -> Array:
-        """Compute the distances (S,) of cubes from the pose, rounded down."""
-        return np.linalg.norm(self.nearest_points(cubes), axis=1) / ROUND_UP
-
-    def inward_cubes(self, cubes: _Cubes) -> IntArray:
-        """Return the numbers (S, n) of the smallest cube next to each cube, on the side of the pose.
-
-        The smallest cubes are those of the level MAX_CUTS. The next one touches the cube at the point nearest
-        to the pose. Along each axis its number is that of the smallest cube about the pose, clipped to the
-        range from one before to one behind the smallest cubes within the cube.
+        The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
+        them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
+        of the one about the pose, clipped to the range from one before to one behind the smallest cubes
+        within the cube. The neighbour is the cube in which that smallest cube lies.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
-        width = 2 ** (MAX_CUTS - cubes.level[:, None])  # (S, 1) of a cube, in smallest cubes
-        return np.clip(pose, cubes.numbers * width - 1, (cubes.numbers + 1) * width)
+        count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
+        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)
+
+        # of the cubes that contain the smallest one, one for each level, at most one is in the stack
+        keys = np.column_stack([self.level, self.numbers]).tolist()
+        index_of = {tuple(key): index for index, key in enumerate(keys)}
+        neighbour = np.full(len(keys), -1)
+        for level in np.unique(self.level).tolist():
+            ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
+            for k, numbers in enumerate(ancestors.tolist()):
+                neighbour[k] = index_of.get((level, *numbers), neighbour[k])
+        return neighbour
 
 
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
-    """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,)."""
+    """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,).
+
+    Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested
+    alone. Then the proved ones are compared with their neighbours.
+    """
     n = len(test.x)
-    grid = _Grid(within / OFF_CENTRE * ROUND_UP)
-    start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
+    width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
+    start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
+
+    def distances(cubes: _Cubes) -> Array:
+        """Compute the distances (S,) of cubes from the pose, rounded down."""
+        return width * np.linalg.norm(cubes.nearest_points(), axis=1) / ROUND_UP
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; split cubes without proof, but leave the smallest ones undecided."""
-        cubes = _test_cubes(test, grid, cubes, start.signs)
+        cubes = _test_cubes(test, width, cubes, start.signs)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
         pending = select(cubes, ~proved & ~is_smallest).split()
         return Examined(select(cubes, proved), undecided, pending)
 
-    partition = branch_and_bound(
-        examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
-    )
+    partition = branch_and_bound(examine, first, max_examined=max_cells, distance=distances, limit=within)
     proved = join(partition.proved)
-    proved = select(proved, grid.distances(proved) < partition.limit)
+    proved = select(proved, distances(proved) < partition.limit)
     if not len(proved.level):
         return 0.0
-    disagreeing = select(proved, ~_agree_with_inner_neighbours(test, grid, proved, q))
-    return float(grid.distances(disagreeing).min(initial=partition.limit))
+    disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
+    return float(distances(disagreeing).min(initial=partition.limit))
 
 
-def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
+def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _Cubes:
     """Test cubes on the branch whose determinants have the signs (1, 2).
 
-    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
+    `width` is that of the first cube [robot lengths, rad]. A cube whose joints turn out to be on another
+    branch is not proved, and keeps its parent's cell.
     """
-    z = grid.middles(cubes)
-    half_widths = np.ldexp(0.5 * grid.width, -cubes.level)
-    tested = test(z, _continue_joints(test, cubes.cells, z), half_widths)
+    z = width * cubes.middles()
+    tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
     assign(tested, is_elsewhere, select(parents, is_elsewhere))
     return cubes._replace(cells=tested)
 
 
-def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
+def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:
     """Return whether each cube is on the branch of its inward neighbour, (S,).
 
     The cube about the pose must have the joints q. At the point nearest to the pose each cube has exactly one
     configuration, in the joint box of a cell of size zero. Two cubes share this configuration if the joint
-    boxes of both contain this box.
+    boxes of both contain this box. `width` is that of the first cube [robot lengths, rad].
     """
     cells = cubes.cells
-    nearest = grid.nearest_points(cubes)
-    neighbour = _inward_neighbours(grid, cubes)
+    nearest = width * cubes.nearest_points()
+    neighbour = cubes.inward_neighbours()
     joints = _continue_joints(test, cells, nearest)
     points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero
+    # a cube without a neighbour (-1) does not agree, although it is compared with the last cube
     agree = points.proved & (neighbour >= 0)
     for sharing_cells in (cells, select(cells, neighbour)):
         agree &= _contain_joint_boxes(test, sharing_cells, joints, ROUND_UP * points.radii)
@@ -217,23 +232,13 @@ def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: 
 
 
 def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
-    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,)."""
+    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,).
+
+    The joint box of a cell has the radii `cells.radii` about the joints at the middle of the cell.
+    """
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
-
-
-def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none."""
-    keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
-    index_of = {tuple(key): index for index, key in enumerate(keys)}
-    inward = grid.inward_cubes(cubes)  # smallest cubes, each within one cube of every level
-    neighbour = np.full(len(keys), -1)
-    for level in np.unique(cubes.level).tolist():
-        ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
-        for k, numbers in enumerate(ancestors.tolist()):
-            neighbour[k] = index_of.get((level, *numbers), neighbour[k])
-    return neighbour
 
 
 def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
@@ -243,20 +248,21 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
     fails, the extrapolated joints are returned.
     """
     robot = test.bounds.robot
-    change = np.clip(np.matvec(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
+    change = np.matvec(cells.slope, z - cells.z)  # (S, k)
+    change = np.clip(change, -MAX_NEWTON_STEP, MAX_NEWTON_STEP)
     guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
     result = close_each(robot, test.x + z * robot.platform_scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
 
 
 class Cells(NamedTuple):
-    """S cells of platform coordinates, with the joints at their middles."""
+    """S cells of platform coordinates, with the k moving joints at their middles."""
 
     z: Array  # (S, n) middles, relative to the pose [robot lengths, rad]
-    q: Array  # (S, nq)
+    q: Array  # (S, nq) configurations at the middles
     proved: BoolArray  # (S,) to be free of singularities
     slope: Array  # (S, k, n) of the joints along the platform's coordinates
-    radii: Array  # (S, k) of the joint box that holds one pose for each x
+    radii: Array  # (S, k) of the joint box that holds one pose for each x of the cell
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
 
 
@@ -264,50 +270,55 @@ class CellTest(NamedTuple):
     """The test of cells about a pose of a robot."""
 
     bounds: DerivativeBounds
-    x: Array  # (n,)
+    x: Array  # (n,) platform coordinates of the pose
 
-    def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
-        """Test cells about z (S, n) of half width `half` (S,), or balls of that radius.
+    def __call__(self, z: Array, q: Array, half: Array, *, dual_norm: int = 1) -> Cells:
+        """Test cells about z (S, n) of half width `half` (S,), with the joints q (S, nq) at the middles.
 
-        q (S, nq) are the joints at the middles. F is [platform - x ; loops], and dF (S, k, k) its Jacobian
-        along the joints. The rows of the loops and the columns of the passive joints are the block P of dF.
+        F is [platform - x ; loops], and dF (S, k, k) its Jacobian along the joints. The rows of the loops and
+        the columns of the passive joints are the block P of dF.
+
+        Args:
+            dual_norm: 1 if cells are cubes, 2 if they are balls of the radius `half`; see `_bound_over_cell`.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
-        x = self.x + z * robot.platform_scale
         F = derivatives.values.copy()  # (S, k)
+        x = self.x + z * robot.platform_scale
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
-        Y = approximate_inverses(dF)
-        slope = Y[:, :, : robot.n]
-        boxes = _prove_joint_boxes(derivatives, F, Y, _bound_over_cell(slope, half, ball))
-        regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
+
+        newton = NewtonMap.of(dF, F)
+        slope = newton.Y[:, :, : robot.n]  # (S, k, n) of the joints along x
+        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, dual_norm))
+        regular = _passive_block_is_regular(derivatives, slope, half, boxes, dual_norm)
+
         P = dF[:, robot.n :, robot.n_a :]
-        signs = np.stack([np.linalg.slogdet(block).sign for block in (dF, P)], axis=1)
+        signs = np.column_stack([np.linalg.slogdet(block).sign for block in (dF, P)])
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
 
 
 class _JointBoxes(NamedTuple):
-    """Boxes of joints with one pose for each x of a cell."""
+    """Boxes of k joints about the middles of S cells."""
 
-    proved: BoolArray  # (S,)
-    radii: Array  # (S, k)
+    proved: BoolArray  # (S,) to hold one pose for each x of the cell
+    radii: Array  # (S, k) of the boxes
     image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
     error: Array  # (S, k) largest distance of the joints from their linear change with x
     remainders: Remainders  # of the equations within the radii
 
 
-def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in cells or balls, slopes (S, .., n).
+def _bound_over_cell(slopes: Array, half: Array, dual_norm: int) -> Array:
+    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in S cells, slopes (S, .., n).
 
-    Over balls of radius `half` (S,) the Cauchy-Schwarz inequality gives the bound, over cubes of half width
-    `half` the triangle inequality.
+    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes: the 1-norm over cubes of half
+    width `half`, the 2-norm over balls of this radius.
     """
-    sizes = np.linalg.norm(slopes, axis=-1) if ball else np.abs(slopes).sum(axis=-1)
+    sizes = np.linalg.norm(slopes, dual_norm, axis=-1)
     return (sizes.T * half).T  # `half` multiplies along the first axis
 
 
-def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
+def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array) -> _JointBoxes:
     """Widen boxes of k joints about the middles of S cells until Krawczyk's test holds.
 
     The map q - Y F takes a box of radii r into a box of radii reach + error, with
@@ -315,30 +326,26 @@ def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach:
         error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
 
     Args:
-        values: (S, k) F at the middles.
-        Y: (S, k, k) approximate inverses of dF/dq at the middles.
+        newton: the map at the middles.
         reach: (S, k) largest linear change of the joints with x within the cell.
     """
-    Y_size = np.abs(Y)
-    value_errors = gamma(Y.shape[1]) * np.abs(values) + derivatives.bounds.rounding
-    offset = np.abs(np.matvec(Y, values)) + np.matvec(Y_size, value_errors)  # at least |Y F|
-    defect = identity_defect(Y, derivatives.slopes)  # at least |1 - Y dF|
-    is_invertible = Y.any(axis=(1, 2))
+    offset = np.abs(newton.root)
 
     def test(radii: Array) -> _JointBoxes:
         """Bound the images of boxes of radii (S, k)."""
         remainders = derivatives.remainders(radii)
-        error = ROUND_UP * (offset + np.matvec(Y_size, remainders.values) + np.matvec(defect, radii))
+        error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
-        is_contraction = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
-        proved = (image < radii).all(axis=1) & is_contraction & is_invertible
+        bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
+        is_contraction = _spectral_radius_below_one(bound, radii)
+        proved = (image < radii).all(axis=1) & is_contraction & newton.Y.any(axis=(1, 2))
         return _JointBoxes(proved, radii, image, error, remainders)
 
-    return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
+    return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
 
 
 def _passive_block_is_regular(
-    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, ball: bool
+    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, dual_norm: int
 ) -> BoolArray:
     """Return whether P is regular all over the cells, (S,): no Type 2 singularity.
 
@@ -348,7 +355,7 @@ def _passive_block_is_regular(
 
         N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
 
-    has a spectral radius below 1.
+    has a spectral radius below 1. For `half` and `dual_norm` see `_bound_over_cell`; `box` holds the joints.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding
@@ -362,9 +369,9 @@ def _passive_block_is_regular(
 
     # linear change of Y P with the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
-    step = _bound_over_cell(slope, half, ball=False)  # (S, k) of the joints
+    step = _bound_over_cell(slope, half, 1)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
-    N = identity_defect(Y, P) + _bound_over_cell(changes, half, ball) + gamma(s * k) * rounded
+    N = identity_defect(Y, P) + _bound_over_cell(changes, half, dual_norm) + gamma(s * k) * rounded
     # remaining change of P
     P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)

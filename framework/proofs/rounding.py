@@ -14,19 +14,22 @@ import numpy as np
 
 from framework.numerics.arrays import Array
 
-UNIT_ROUNDOFF = 2.0**-53
+UNIT_ROUNDOFF = np.finfo(float).eps / 2
 REACH_MARGIN = 1.01  # factor on a computed length that makes it a bound, far above rounding
 WIDENING_RATIO = 1.1  # of a box to the image of the box tested before
 ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-negative numbers
 
 
 def gamma(terms: int) -> float:
-    """Bound the rounding of a sum of `terms` products over the sum of moduli, with a margin of 8."""
+    """Bound the rounding of a sum of `terms` products, relative to the sum of their moduli.
+
+    The bound has a margin of 8.
+    """
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 
 
 def approximate_inverses(matrices: Any) -> Any:
-    """Compute inverses (S, k, k) up to rounding; zero where a matrix is singular."""
+    """Compute inverses (S, k, k) of real or complex matrices up to rounding; zero for a singular matrix."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:
@@ -39,9 +42,11 @@ def approximate_inverses(matrices: Any) -> Any:
 def identity_defect(inverse: Any, matrices: Any) -> Array:
     """Bound |1 - X M| entry by entry (S, k, k), rounding included.
 
-    X is near the inverse of M. A complex product counts as two real ones.
+    X (S, k, m) is near the inverse, or the pseudo-inverse, of M (S, m, k). A complex product counts as two
+    real ones.
     """
-    identity = np.eye(matrices.shape[1])
+    m, k = matrices.shape[1:]
+    identity = np.eye(k)
     defect = np.abs(identity - inverse @ matrices)
-    products = len(identity) * (2 if np.iscomplexobj(matrices) else 1)
+    products = 2 * m if np.iscomplexobj(matrices) else m
     return defect + gamma(products) * (np.abs(inverse) @ np.abs(matrices) + identity)

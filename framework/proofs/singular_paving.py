@@ -41,13 +41,12 @@ from framework.proofs.interval_newton import (
     enclose_bordered_solutions,
     pivoted_inverses,
 )
-from framework.proofs.krawczyk import Existence, prove_existence
+from framework.proofs.krawczyk import prove_existence
 from framework.proofs.rounding import ROUND_UP
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
 MAX_BOXES = 500_000  # tested for each set
-MAX_HESSIAN_ENTRIES = 4_000_000  # second derivatives of a batch of boxes: 32 MB
 TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test, divided by those of the box itself
 WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: widens tested boxes for curved arcs
 MIN_SIZE_RATIO = 0.01  # a box smaller than this share of the resolution is left undecided
@@ -62,11 +61,11 @@ class PavedSet(ReadOnlyArrays):
     """
 
     name: str  # type_2; or type_1 of the motors of a leg
-    x: Array  # (B, n) middles in the platform's coordinates
+    x: Array  # (B, n) middles in the platform's coordinates [m, rad]
     x_radii: Array  # (B, n) the proved poses are within these radii
-    q: Array  # (B, nq) middles
+    q: Array  # (B, nq) middles in the joints
     along: IntArray  # (B,) index of the parameter among the moving joints; -1 with one freedom
-    undecided_x: Array  # (U, n)
+    undecided_x: Array  # (U, n) middles of undecided boxes
     undecided_x_radii: Array  # (U, n)
 
     @property
@@ -150,7 +149,7 @@ def pave_singularities(
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
-    """Refuse a robot that cannot be paved."""
+    """Raise InvalidInput for a robot that cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
@@ -168,8 +167,7 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     k = len(robot.moving)
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
-    batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
-    partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
+    partition = branch_and_bound(test, region, max_examined=max_boxes)
 
     arcs = join(partition.proved)
     undecided = join([partition.undecided, partition.pending])
@@ -222,13 +220,11 @@ def singular_sets(robot: ParallelRobot) -> list[SingularSet]:
 
 
 class MeasureEnclosure(NamedTuple):
-    """The bordered scalar g over S boxes, and its slope along k joints."""
+    """The bordered scalar g over S boxes of k joints."""
 
     valid: BoolArray  # (S,) whether poses in the box are singular if and only if g = 0
-    g: Array  # (S,) at the middle
-    g_error: Array  # (S,)
-    slope: Array  # (S, k) at the middle
-    slope_changes: Array  # (S, k) within the box
+    at_middle: LinearEnclosure  # g as one equation, with the error of its value at the middle
+    slope_changes: Array  # (S, 1, k) bounds on the changes of its slopes within the box
 
 
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
@@ -257,53 +253,46 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     slope_changes += _bilinear_form(psi_error, dP_size + dP_change, eta_size)
     return MeasureEnclosure(
         valid=right.valid & left.valid,
-        g=right.z[:, -1],
-        g_error=right.last_error,
-        slope=-_bilinear_form(psi, dP, eta),
+        at_middle=LinearEnclosure(
+            values=right.z[:, -1:],
+            slopes=-_bilinear_form(psi, dP, eta),
+            errors=right.last_error[:, None],
+        ),
         slope_changes=ROUND_UP * slope_changes,
     )
 
 
 def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
-    """Compute left' M_l right (S, k) for vectors (S, s) and the k matrices M_l in (S, s, s, k)."""
-    return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)
+    """Compute left' M_l right (S, 1, k) of vectors (S, s) for k matrices M_l, in (S, s, s, k)."""
+    return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)[:, None]
 
 
 class Arcs(NamedTuple):
     """B boxes with a proved arc in each, and the platform's coordinates along the arcs."""
 
-    x: Array  # (B, n) at the middles
+    x: Array  # (B, n) at the middles [m, rad]
     x_radii: Array  # (B, n) the arcs are within these radii
-    middle: Array  # (B, k) of the joints
-    along: IntArray  # (B,) index of the joint that is the parameter
+    middle: Array  # (B, k) of the boxes [rad, robot lengths]
+    along: IntArray  # (B,) index of the joint that is the parameter of the arc; NO_AXIS for a point
 
 
 class _SingularEquations(NamedTuple):
     """The m loop equations and g = 0 in S boxes, and the platform's coordinates."""
 
-    enclosure: LinearEnclosure  # in the box itself
-    value_errors: Array  # (S, m + 1) bounds on the errors of the values at the middle
+    valid: BoolArray  # (S,) whether poses in the box are singular if and only if g = 0
+    at_middle: LinearEnclosure  # with the errors of the values at the middle alone
+    errors: Array  # (S, m + 1) of values + slopes d in the box itself
     slope_changes: Array  # (S, m + 1, k) bounds on the changes of the slopes in the wider box
     x: Array  # (S, n) at the middle
     x_slopes: Array  # (S, n, k) dimensionless
     x_errors: Array  # (S, n) bounds on the error of x + x_slopes d in the wider box, dimensionless
-
-    def bound_arcs(self, proof: Existence, reach: Array) -> Array:
-        """Bound the half widths (S, n) of arcs in x, dimensionless.
-
-        An arc runs along the parameter p, |p| <= reach (S,), within a tube about its tangent: at the middle,
-        plus x_slopes (along p), up to `spread`.
-        """
-        along = np.abs(np.matvec(self.x_slopes, proof.along)) * reach[:, None]
-        spread = np.matvec(np.abs(self.x_slopes), proof.spread)
-        return ROUND_UP * (along + self.x_errors + spread)
 
 
 class _Decision(NamedTuple):
     """The remaining parts of S boxes, and the proved arcs."""
 
     remaining: Contracted  # the parts that hold all singular poses
-    axis: IntArray  # (S,) parameter of the arc, across which a box is cut if large; NO_AXIS without proof
+    axis: IntArray  # (S,) parameter of the arc, across which a large box is cut; NO_AXIS without a proof
     is_arc: BoolArray  # (S,) whether an arc is proved and small enough
     arcs: Arcs  # these arcs
 
@@ -312,31 +301,32 @@ class _Decision(NamedTuple):
 class SingularBoxTest:
     """The test of boxes for one set of singular poses."""
 
-    bounds: DerivativeBounds
-    block: SingularSet
-    window: Array | None  # (2, n) least and largest platform coordinates
-    resolution: float  # [m, robot lengths]
+    bounds: DerivativeBounds  # of the robot's equations
+    block: SingularSet  # the block of dF/dq that loses rank
+    window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
+    resolution: float  # [m, robot lengths] largest width of a box with an arc
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut boxes.
 
         The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
-        arcs.
+        arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
         """
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
+
+        # Krawczyk's test proves arcs in boxes that are a little wider
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
-        remainders = derivatives.remainders(wider)
-        g = enclose_measure(self.block, derivatives, remainders)
-        equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
-        decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
+        equations = self._singular_equations(derivatives, loops, boxes.radii, wider)
+        valid = equations.valid
+        decision = self._decide_arcs(select(boxes, valid), wider[valid], select(equations, valid))
 
         # where g is valid, the decision replaces what the loops alone have left
-        remaining.lower[g.valid], remaining.upper[g.valid] = decision.remaining
+        remaining.lower[valid], remaining.upper[valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
-        axis[g.valid] = decision.axis
+        axis[valid] = decision.axis
         is_open = ~remaining.empty
-        is_open[g.valid] &= ~decision.is_arc
+        is_open[valid] &= ~decision.is_arc
         narrow = select(boxes.sub_boxes(*remaining), is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
         undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, axis[is_open], is_small)
@@ -354,6 +344,7 @@ class SingularBoxTest:
         errors = derivatives.remainders(boxes.radii).values
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
         remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
+
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
@@ -373,26 +364,23 @@ class SingularBoxTest:
         reach = 0.5 * np.ptp(self.window, axis=0) + _platform_radii(derivatives, radii, errors)
         return (np.abs(offset) <= reach).all(axis=1)
 
-    def _join_equations(
-        self,
-        derivatives: Derivatives,
-        remainders: Remainders,
-        loops: LinearEnclosure,
-        g: MeasureEnclosure,
-        radii: Array,
+    def _singular_equations(
+        self, derivatives: Derivatives, loops: LinearEnclosure, radii: Array, wider: Array
     ) -> _SingularEquations:
         """Join loops and measure g to the equations of singular poses.
 
-        The enclosure is in boxes of `radii` (S, k); remainders and g are of wider boxes.
+        `loops` are enclosed in boxes of `radii` (S, k), changes are bounded in boxes of radii `wider`.
         """
         n = self.bounds.robot.n
-        g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
-        measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
-        loop_errors = np.full_like(loops.errors, self.bounds.rounding)  # at the middle
+        remainders = derivatives.remainders(wider)
+        valid, g, g_changes = enclose_measure(self.block, derivatives, remainders)
+        g_errors = ROUND_UP * (g.errors + np.matvec(g_changes, radii))
+        loops_at_middle = loops._replace(errors=np.full_like(loops.errors, self.bounds.rounding))
         return _SingularEquations(
-            loops.concatenate(measure),
-            value_errors=np.column_stack([loop_errors, g.g_error]),
-            slope_changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
+            valid=valid,
+            at_middle=loops_at_middle.concatenate(g),
+            errors=np.hstack([loops.errors, g_errors]),
+            slope_changes=np.hstack([remainders.slopes[:, n:], g_changes]),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],
@@ -401,29 +389,34 @@ class SingularBoxTest:
     def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
         """Narrow boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
-        With two freedoms the set is a curve. Its parameter is the joint along which the tangent leaves the
-        box first; along this joint the tested box is not wider than the box. With one freedom the set is a
-        point.
+        With two freedoms the set is a curve. Its parameter p is the joint along which the tangent leaves the
+        box first; along this joint the tested box is not wider than the box, and `wider` is changed. With one
+        freedom the set is a point.
         """
         robot = self.bounds.robot
-        enclosure = equations.enclosure
-        remaining = contract(enclosure, boxes.radii, pivoted_inverses(enclosure.slopes, boxes.radii))
+        at_middle = equations.at_middle
+        in_box = at_middle._replace(errors=equations.errors)
+        remaining = contract(in_box, boxes.radii, pivoted_inverses(in_box.slopes, boxes.radii))
+
+        # choose the parameter
         parameter = None
         along = np.full(boxes.size, NO_AXIS)
-        reach = np.zeros(boxes.size)  # of the parameter
+        reach = np.zeros((boxes.size, 1))  # largest |p| in the box
         if robot.n == 2:
-            tangent = np.linalg.svd(enclosure.slopes).Vh[:, -1]  # (S, k) the null vector of the slopes
+            tangent = np.linalg.svd(in_box.slopes).Vh[:, -1]  # (S, k) the null vector of the slopes
             along = parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
-            each = np.arange(boxes.size)
-            reach = boxes.radii[each, parameter]
-            wider[each, parameter] = reach
-        middle_enclosure = enclosure._replace(errors=equations.value_errors)
-        proof = prove_existence(middle_enclosure, equations.slope_changes, wider, parameter)
+            reach = np.take_along_axis(boxes.radii, parameter[:, None], axis=1)
+            np.put_along_axis(wider, parameter[:, None], reach, axis=1)
+
+        proof = prove_existence(at_middle, equations.slope_changes, wider, parameter)
         proved = proof.proved[:, None]  # a proof bounds all solutions, so it narrows the box further
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 
-        x_radii = equations.bound_arcs(proof, reach)  # (S, n)
+        # the arc runs along p, |p| <= reach, within a tube about its tangent
+        half_length = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach  # (S, n)
+        x_radii = half_length + equations.x_errors + np.matvec(np.abs(equations.x_slopes), proof.spread)
+        x_radii *= ROUND_UP
         is_arc = proof.proved & ~remaining.empty
         is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         middles = boxes.sub_boxes(proof.lower, proof.upper).middle

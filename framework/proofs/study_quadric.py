@@ -8,7 +8,7 @@ degree 40):
 
     |R b + p - a|^2 = l^2:    |p|^2 + 2 b . R'p - 2 a . p - 2 a . R b + |a|^2 + |b|^2 - l^2 = 0
 
-Such conditions make a system of a linear family (`QuadricFamily`): K equations z' (sum_j c_ij G_j) z = 0 with
+Such conditions make a system of a linear family (`Displacements`): K equations z' (sum_j c_ij G_j) z = 0 with
 coefficients c (K, M), and F fixed equations z' S z = 0, for a point z of projective space P^(N-1), N = K + F
 + 1. For almost all coefficients a system has the same number of isolated solutions, and no system of the
 family has more (Morgan and Sommese 1989). Base points, where all members vanish, do not count. `homotopy`
@@ -31,22 +31,93 @@ from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
 
-RANDOM_SEED = 22
-NEWTON_STEPS = 50  # from a random point onto the fixed quadrics
-# indices of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0 and the vectors of x and y in z
-_ONE, _SQUARE = 0, 1
+# indices among the 17 functions of 1, |p|^2, p (3,), R'p (3,) and R (3, 3)
+_ONE, _SQUARE = np.arange(2)
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
+# indices in z of the real part of x and of the vectors (3,) of x and y
 _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
 
 
-@dataclass(frozen=True, eq=False)
-class QuadricFamily:
-    """Systems of quadrics: combinations of M members, and F fixed equations."""
+def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> ComplexArray:
+    """Draw complex numbers with standard normal real and imaginary parts."""
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
-    name: str
-    members: Array  # (M, N, N)
-    fixed: Array  # (F, N, N), F = 0 or 1
+
+def matrix_products(matrices: Any, z: Any) -> Any:
+    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
+    S, N = z.shape
+    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)
+
+
+def append_row(matrices: Any, row: Any) -> Any:
+    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
+    return np.hstack([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))])
+
+
+def first_occurrences(z: ComplexArray) -> BoolArray:
+    """Return whether each unit point z (S, N) differs from all earlier points, (S,).
+
+    Points that differ by a complex factor are one point of the projective space.
+    """
+    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)  # (S, S) of the angles between points
+    coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
+    return np.asarray(~np.tril(coincide, -1).any(axis=1))
+
+
+@cache
+def _function_forms() -> Array:
+    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y), by polarisation.
+
+    A quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with unit vectors e.
+    """
+    units = np.eye(8)
+    sums = np.array([[_scaled_functions(a + b) for b in units] for a in units])  # (8, 8, 17)
+    squares = np.array([_scaled_functions(a) for a in units])  # (8, 17)
+    return np.moveaxis(sums - squares[:, None] - squares, 2, 0) / 2
+
+
+def _scaled_functions(z: Array) -> Array:
+    """Compute |x|^2 times the functions 1, |p|^2, p, R'p, R (17,) of a dual quaternion z = (x, y).
+
+    These are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and, for the unit quaternions e = i, j, k, the columns x e x*.
+    """
+    x = pin.Quaternion(*z[:4])
+    y = pin.Quaternion(*z[4:])
+    conjugate = x.conjugate()
+    columns = [(x * pin.Quaternion(0.0, *e) * conjugate).vec() for e in np.eye(3)]
+    norms = [x.squaredNorm(), 4 * y.squaredNorm()]
+    vectors = [2 * (y * conjugate).vec(), 2 * (conjugate * y).vec()]
+    return np.concatenate([norms, *vectors, np.transpose(columns).ravel()])
+
+
+def displacement_functions(R: Array, p: Array) -> Array:
+    """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R (T, 3, 3), p (T, 3)."""
+    R_transposed_p = np.einsum("tij,ti->tj", R, p)
+    square = np.sum(p * p, axis=1, keepdims=True)
+    return np.hstack([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)])
+
+
+def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
+    """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
+    values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
+    values = values / values[:, :1]  # the first function is 1
+    return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """A group of displacements, and the systems of quadrics that are linear conditions on the group.
+
+    A system has K equations, each a combination of the M members, and F fixed equations. They are quadrics in
+    N homogeneous coordinates z, which are some of those of a dual quaternion.
+    """
+
+    name: str  # in words
+    members: Array  # (M, N, N) functions of the displacement as quadratic forms of z; the first one is 1
+    fixed: Array  # (F, N, N) the Study quadric x . y = 0, or F = 0 where all z satisfy it
     bound: int  # on the number of isolated solutions of any system
+    chosen: IntArray  # (M,) indices of the members among the 17 functions
+    coordinates: IntArray  # (N,) indices of z among the 8 coordinates of a dual quaternion
 
     @property
     def size(self) -> int:
@@ -73,11 +144,11 @@ class QuadricFamily:
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Find a random point (N,) on all fixed quadrics, by Newton's method."""
-        z = complex_normal(rng, self.size)
-        for _ in range(NEWTON_STEPS):  # without fixed quadrics a step is zero
-            slopes = 2 * self.fixed @ z
-            z = z - np.linalg.pinv(slopes) @ (slopes @ z / 2)
+        """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
+        z, direction = complex_normal(rng, (2, self.size))
+        for S in self.fixed:  # z + t direction is on the quadric at the roots t
+            t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
+            z = z + t[0] * direction
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
@@ -89,11 +160,11 @@ class QuadricFamily:
         """Return whether the equations depend on one another, so that no solution is isolated.
 
         Let f_1 be the first member, which is zero only at infinity, and f_k the combinations of members with
-        coefficients (K, M). The equations are f_k / f_1 and the fixed quadrics. If their gradients have full
-        rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
+        coefficients (K, M). The equations are f_k / f_1 and the fixed quadric. If their gradients have full
+        rank anywhere, they have full rank with probability one at a random point z of the fixed quadric. Two
         points are tried.
         """
-        rng = np.random.default_rng(RANDOM_SEED)
+        rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
         first = self.members[0]
         for _ in range(2):
@@ -107,141 +178,76 @@ class QuadricFamily:
                 return False
         return True
 
-
-def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> ComplexArray:
-    """Draw complex numbers with standard normal real and imaginary parts."""
-    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
-
-
-def matrix_products(matrices: Any, z: Any) -> Any:
-    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
-    S, N = z.shape
-    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)
-
-
-def append_row(matrices: Any, row: Any) -> Any:
-    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
-    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
-
-
-def first_occurrences(z: ComplexArray) -> BoolArray:
-    """Return whether each unit point z (S, N) differs from all earlier points, (S,).
-
-    Points that differ by a complex factor are one point of the projective space.
-    """
-    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
-    coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
-    return np.asarray(~np.tril(coincide, -1).any(axis=1))
-
-
-def _quaternion_products() -> Array:
-    """Return the table (4, 4, 4) of quaternion products: (a b)_k = sum_ij table[k, i, j] a_i b_j."""
-    units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
-    products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
-    return np.moveaxis(products, 2, 0)
-
-
-@cache
-def _function_forms() -> Array:
-    """Return the 17 functions as quadratic forms (17, 8, 8) of z = (x, y).
-
-    They are in the order of `displacement_functions`. Multiplied by |x|^2, the functions are |x|^2, 4 |y|^2,
-    2 y x*, 2 x* y and, for the unit quaternions e = i, j, k, the columns x e x* of R.
-    """
-    product = _quaternion_products()
-    star = np.diag([1.0, -1.0, -1.0, -1.0])  # star x = x*, the conjugate
-    x = slice(0, 4)
-    y = slice(4, 8)
-    forms = np.zeros((17, 8, 8))
-    forms[_ONE, x, x] = np.eye(4)
-    forms[_SQUARE, y, y] = 4 * np.eye(4)
-    forms[_POSITION, y, x] = 2 * product[1:] @ star  # y x*
-    forms[_ORIGIN, x, y] = 2 * star @ product[1:]  # x* y
-    for column in range(3):
-        x_times_unit = product[:, :, column + 1]  # (4, 4) of x e as a linear map of x
-        forms[_ROTATION[:, column], x, x] = x_times_unit.T @ product[1:] @ star  # (x e) x*
-    return (forms + forms.swapaxes(1, 2)) / 2
-
-
-def displacement_functions(R: Array, p: Array) -> Array:
-    """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R (T, 3, 3), p (T, 3)."""
-    R_transposed_p = np.einsum("tij,ti->tj", R, p)
-    square = np.sum(p * p, axis=1, keepdims=True)
-    return np.concatenate([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)], axis=1)
-
-
-def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
-    """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
-    values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
-    values = values / values[:, :1]  # the first function is 1
-    return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class Displacements:
-    """A group of displacements, the family of its linear conditions, and its coordinates."""
-
-    family: QuadricFamily
-    chosen: IntArray  # (M,) indices of the family's members among the 17 functions
-    coordinates: IntArray  # (N,) indices of the family's coordinates among the 8 of a dual quaternion
-
     @property
     def only_translates(self) -> bool:
         """Whether all displacements are translations."""
         return not np.isin(_X, self.coordinates).any()
 
-    def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
+    def eliminate_square(self, coefficients: Array, rounding: float) -> tuple[Array, Array]:
         """Eliminate |p|^2 from all conditions (K, M) but one.
 
         Towards infinity |p|^2 outgrows all other functions, so conditions that contain |p|^2 become nearly
         parallel. The condition with the largest share of |p|^2 is the pivot. It is divided by its coefficient
         of |p|^2, and multiples of it are subtracted from the others.
 
+        Args:
+            rounding: error of the coefficients, relative to the largest coefficient of each condition.
+
         Returns:
-            Equivalent conditions (K, M), the pivot first, and the sizes (K, M) to which the rounding of their
-            coefficients is relative. All coefficients of a condition are as uncertain as its largest one,
-            except those of |p|^2, which are exactly 1 and 0 and have the size 0.
+            Equivalent conditions (K, M), and bounds (K, M) on the errors of their coefficients. The
+            coefficients of |p|^2 become exactly 1 for the pivot and 0 for the others.
         """
-        square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
-        shares = np.abs(coefficients[:, square]).max(axis=1, initial=0.0) / largest[:, 0]  # (K,) of |p|^2
-        k = int(np.argmax(shares))
-        if not shares[k]:
-            return coefficients, np.broadcast_to(largest, coefficients.shape)
-        pivot = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
-        others = np.delete(coefficients, k, axis=0)
-        multiples = others[:, square]  # (K - 1, 1)
-        rows = np.vstack([pivot, others - multiples * pivot])
-        other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(pivot).max()
-        sizes = np.repeat(np.vstack([1.0 / shares[k], other_sizes]), len(self.chosen), axis=1)
-        rows[1:, square] = 0.0
-        sizes[:, square] = 0.0
-        return rows, sizes
+        errors = np.repeat(rounding * largest, len(self.chosen), axis=1)
+        square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
+        multiples = coefficients[:, square]  # (K, 1) of the pivot in each condition
+        shares = np.abs(multiples / largest)
+        if not shares.any():
+            return coefficients, errors
+        k = np.argmax(shares)
+        pivot = coefficients[k] / multiples[k]
+
+        rows = coefficients - multiples * pivot
+        rows[:, square] = 0.0
+        rows[k] = pivot
+        errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
+        errors[k] = rounding / shares[k]
+        errors[:, square] = 0.0
+        return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
-        coordinates = np.zeros((len(z), 8))
-        coordinates[:, self.coordinates] = z
-        if self.only_translates:  # z = (1, p) stands for the dual quaternion 1 + eps p / 2
-            coordinates[:, _Y] *= 0.5
-        return displacements_of_quaternions(coordinates)
+        quaternions = np.zeros((len(z), 8))
+        quaternions[:, self.coordinates] = z
+        return displacements_of_quaternions(quaternions)
+
+
+def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: IntArray) -> Displacements:
+    """Return the displacements whose dual quaternions have only the given coordinates (N,).
+
+    Args:
+        bound: number of isolated solutions that a system of conditions has at most.
+        chosen: (M,) indices of functions that are independent on the group.
+    """
+    study = np.zeros((1, 8, 8))
+    study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)  # x . y = 0
+    fixed = study[np.ix_(np.arange(1), coordinates, coordinates)]
+    fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
+    members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
+    return Displacements(name, members, fixed, bound, chosen, coordinates)
 
 
 @cache
 def spatial_displacements() -> Displacements:
     """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
-    study = np.zeros((1, 8, 8))
-    study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
-    family = QuadricFamily("displacements in space", _function_forms(), study, 40)
-    return Displacements(family, np.arange(17), np.arange(8))
+    return _displacement_group("displacements in space", 40, np.arange(17), np.arange(8))
 
 
 @cache
 def spherical_displacements() -> Displacements:
     """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
-    forms = _function_forms()[chosen, :4, :4]
-    return Displacements(QuadricFamily("turns about a point", forms, forms[:0], 8), chosen, np.arange(4))
+    return _displacement_group("turns about a point", 8, chosen, np.arange(4))
 
 
 @cache
@@ -252,25 +258,17 @@ def planar_displacements(axis: int) -> Displacements:
     1983; Gosselin, Sefrioui and Richard 1992).
     """
     in_plane = [(axis + 1) % 3, (axis + 2) % 3]
-    coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
-    forms = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
-    return Displacements(QuadricFamily("displacements in a plane", forms, forms[:0], 6), chosen, coordinates)
+    coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
+    return _displacement_group("displacements in a plane", 6, chosen, coordinates)
 
 
 @cache
 def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     """Return the translations along two or three base axes: at most 2 solutions.
 
-    The conditions are circles or spheres. The functions of z = (1, p) are 1, |p|^2 and the coordinates of p.
+    The conditions are circles or spheres.
     """
-    size = len(axes) + 1
-    forms = np.zeros((size + 1, size, size))
-    forms[0, 0, 0] = 1.0  # 1
-    forms[1, 1:, 1:] = np.eye(len(axes))  # |p|^2
-    for k in range(1, size):
-        forms[1 + k, [0, k], [k, 0]] = 0.5  # p_k
     chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
-    coordinates = np.array([_X_0, *_Y[list(axes)]])
-    return Displacements(QuadricFamily("translations", forms, forms[:0], 2), chosen, coordinates)
+    return _displacement_group("translations", 2, chosen, np.array([_X_0, *_Y[list(axes)]]))

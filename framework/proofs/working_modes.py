@@ -21,29 +21,29 @@ from framework.kinematics.inverse_kinematics import remove_idle_spin, require_sq
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tree_model import positions_beyond_limits
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.proofs.homotopy import Status
 from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import (
+    RANDOM_STARTS,
     close_all_loops,
     distinct_rows,
     draw_starts,
     has_one_solution_near,
     shortest_offset,
 )
-from framework.proofs.real_displacements import Status
 from framework.tolerances import LOOP_GAP
 
-RANDOM_STARTS = 300
-MAX_COMBINATIONS = 512  # of the solutions of all legs
+MAX_COMBINATIONS = 512  # of one solution for each leg
 
 
 @dataclass(frozen=True, eq=False)
 class WorkingMode(ReadOnlyArrays):
     """A solution of the inverse kinematics."""
 
-    q: Array  # (nq,)
-    motors: Array  # (n_a,) joint side
+    q: Array  # (nq,) configuration
+    motors: Array  # (n_a,) motor joints, joint side of the gears
     signs: Array  # (legs,) see `leg_signs`
     proved: bool  # to exist, and to be the only solution in a neighbourhood
     within_limits: bool  # of the joints in the URDF
@@ -93,7 +93,8 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
-    q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
+
+    q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)  # (0, nq) without modes
     robot_legs = legs(robot)
     counts = tuple(map(len, solutions))
     proved_legs = [
@@ -122,11 +123,13 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
-    starts = draw_starts(robot, robot.reference.q[None], columns, RANDOM_STARTS)
+    starts = draw_starts(robot, robot.reference.q, columns, RANDOM_STARTS)
     q, closed = close_all_loops(robot, starts, columns, platform_equations)
     q = q[closed]
+    # an idle spin would make equal solutions differ
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
-    offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
+
+    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]
     solutions = []
     for leg in legs(robot):
         joints = offsets[:, leg.columns]
@@ -134,16 +137,11 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     return solutions
 
 
-def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges within half a turn."""
-    return shortest_offset(robot, q, np.arange(robot.model.nv))
-
-
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
     """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
-    offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))
+    offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))  # (T, k)
     offsets = offsets * robot.column_scale[columns]
     return integrate_columns(robot, robot.reference.q, columns, offsets)
 
@@ -166,7 +164,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
             return False
         no_solutions = solutions[:0]  # (0, k)
         return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, no_solutions, x)
-    offsets = _reference_offset(robot, q) / robot.column_scale
+    offsets = shortest_offset(robot, q) / robot.column_scale
     # modes with the same placement of the previous legs need one proof
     return all(
         are_leg_solutions_complete(robot, columns, fixed, q[mode], solutions - offsets[mode, columns], x)
@@ -187,11 +185,11 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     motors = robot.actuated_coordinates(q)
     lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
     is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
-    distances = np.abs(_reference_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
+    within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
+    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
     modes = []
-    for k in np.argsort(distances, kind="stable"):
+    for k in np.lexsort([distances, ~within_limits]):
         if is_closed[k]:
             proved = has_one_solution_near(robot, q[k], platform_locked=True)
-            within_limits = not positions_beyond_limits(robot.limits, q[k : k + 1])
-            modes.append(WorkingMode(q[k], motors[k], signs[k], proved, within_limits))
-    return sorted(modes, key=lambda mode: not mode.within_limits)
+            modes.append(WorkingMode(q[k], motors[k], signs[k], proved, bool(within_limits[k])))
+    return modes

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from framework.atlas.nearest_pose import nearest_pose
 from scipy.optimize import minimize
 
 import robots
 from framework import ControlCycle, InvalidInput, assemble
-from framework.atlas.nearest_pose import nearest_pose
+from framework.atlas.nearest import nearest_pose
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs

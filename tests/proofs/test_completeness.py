@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_only_known_solutions
 from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.leg_paving import KnownSolutions, has_only_known_solutions
 
 
 def circles(apart, radius):

@@ -28,11 +28,11 @@ GROUPS = [
 ]
 
 
-@pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{group.family.name} {group.family.bound}")
+@pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{group.name} {group.bound}")
 def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group):
-    coefficients, z = solve_start_system(group.family)
-    assert len(z) == group.family.bound
-    quadrics, chart = group.family.quadrics(coefficients), choose_chart(z)
+    coefficients, z = solve_start_system(group)
+    assert len(z) == group.bound
+    quadrics, chart = group.quadrics(coefficients), choose_chart(z)
     z = refine_solutions(quadrics, z, chart.astype(complex))
     proof = enclose_solutions(quadrics, 1e-13 * np.abs(quadrics), chart, z)
     assert proof.proved.all()
@@ -48,7 +48,7 @@ def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():
     R, p = displacements_of_quaternions(z)
     np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-13)
     np.testing.assert_allclose(R, Rotation.from_quat(z[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-13)
-    forms = spatial_displacements().family.members
+    forms = spatial_displacements().members
     values = np.einsum("mij,ti,tj->tm", forms, z, z)
     np.testing.assert_allclose(values / values[:, :1], displacement_functions(R, p), atol=1e-12)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.proofs.real_displacements import find_real_solutions
+from framework.proofs.homotopy import find_real_solutions
 from framework.proofs.study_quadric import (
     planar_displacements,
     spatial_displacements,
