@@ -20,8 +20,9 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
+from framework.dynamics.instant import Instant
 from framework.dynamics.platform_limits import platform_limits
-from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
+from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble

@@ -35,7 +35,7 @@ import numpy as np
 
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.forward_dynamics import forward_derivatives
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice

@@ -21,8 +21,8 @@ from functools import cached_property
 import numpy as np
 
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
-from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import (
+    force_changes,
     least_motor_torques,
     loop_multipliers,
     motor_torque,

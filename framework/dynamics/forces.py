@@ -1,4 +1,4 @@
-"""Generalised forces of the open tree, and the loop, spring and motor forces that balance them.
+"""Generalised forces of the open tree, the forces that balance them, and their first-order changes.
 
 r is the inverse dynamics of the tree (RNEA) less the generalised forces of external wrenches, J is the
 Jacobian of the loop equations, and lambda are the forces in the loops. Then
@@ -10,6 +10,13 @@ Jacobian of the loop equations, and lambda are the forces in the loops. Then
 At a Type 2 singularity P eta = 0 for some joint rates eta, so lambda exists only if eta . r_p = 0. This is
 condition (8) with the inertia of all bodies, legs included, and with external wrenches. With massless legs
 eta . r_p = t_s . W_p, the form in the paper (Briot and Arakelian 2010).
+
+To first order and at constant lambda, a change of the motion changes the right sides by
+
+    d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
+
+lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
+dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
 """
 
 from __future__ import annotations
@@ -19,9 +26,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frames import difference, forces_on_joints
+from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
+from framework.kinematics.frame_variations import loop_force_changes
+from framework.kinematics.frames import difference, forces_on_joints, forces_on_joints_slope
 from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -208,3 +217,41 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
     """
     n = robot.gear_ratio
     return robot.rotor_inertia * n * motion.a[:, robot.actuated] + joint_torque / n
+
+
+def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
+    """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
+
+    Derivatives by q are with respect to tangent vectors of pinocchio's configurations. The derivative by a is
+    the mass matrix with armature, without rotors.
+    """
+    data, nv = scratch_of(robot).data, robot.nv
+    by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        pin.computeRNEADerivatives(robot.model, data, q, v, a)
+        by_q[k], by_v[k], by_a[k] = data.dtau_dq, data.dtau_dv, data.M
+    if robot.joint_stiffness.any():
+        by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
+    by_v += np.diag(robot.joint_damping)
+    for wrench in motion.wrenches:
+        by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
+    return by_q, by_v, by_a
+
+
+def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
+    """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
+
+    A step of positions with closed loops also changes rates and accelerations, and a step of rates also
+    changes accelerations.
+
+    Args:
+        multipliers: (T, m) the constant lambda of the independent loop equations.
+    """
+    linearised, dq = motion.linearised, changes.q
+    by_q, by_v, mass = force_slopes(robot, motion)
+    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
+    of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
+    forces = changes.accelerations @ mass  # changes are rows, so matrices are transposed and on the right
+    forces[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # steps of positions and of rates
+    forces[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions
+    return forces

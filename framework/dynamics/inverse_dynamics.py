@@ -25,10 +25,14 @@ from framework.dynamics.elasticity import (
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.motion_checks import (
+    check_idle_joints,
+    measure_residuals,
+    unresolved_error,
+    unseen_near_miss,
+    unsettled_error,
+)
 from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
-from framework.dynamics.near_misses import unseen_near_miss
-from framework.dynamics.refusals import unresolved_error, unsettled_error
-from framework.dynamics.residuals import check_idle_joints, measure_residuals
 from framework.dynamics.restoration import deflections_of
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (

@@ -1,173 +1,56 @@
-"""The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
+"""Motor torques of one instant for a prescribed motion, also on a Type 2 singularity.
 
-The pose, rates and accelerations of the platform, and external wrenches are given. Motor torques follow from
-the independent loop equations (`forces`); on a Type 2 singularity they are a limit
-(`pointwise_at_singularity`). Loads of loops and joints (`reactions`), inertia and velocity matrices are
-computed on first use. `forward_dynamics` computes the same record from given torques.
+The pose, rates and accelerations of the platform, and external wrenches are prescribed. Motor torques follow
+from the independent loop equations (`forces`). Their record is `instant.Instant`.
+
+At a Type 2 singularity the equation M tau = w of `balanced_forces` reads 0 = 0 along t_s if condition (8),
+t_s . W_p = 0, holds, and has no solution otherwise. If the condition holds, tau(t) = M(t)^-1 w(t) has a
+removable singularity. By l'Hopital's rule the limit depends on the first time derivatives of M and w, and so
+on the jerk of the platform, but on no higher derivative. Hence the motion
+
+    x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
+
+is followed on one short Chebyshev panel around the instant, which is no node. The value of the series of tau
+at this instant is the limit, and the decay of the coefficients is the certificate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from types import MappingProxyType
+from collections.abc import Callable, Mapping
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import Forces, balanced_forces, mass_matrices, motor_torque, tree_forces
-from framework.dynamics.platform_wrench import motor_speeds
-from framework.dynamics.pointwise_at_singularity import forces_through_singularity
-from framework.dynamics.reactions import (
-    LoopLoads,
+from framework.dynamics.forces import Forces, balanced_forces, tree_forces
+from framework.dynamics.instant import (
+    Instant,
     Wrenches,
     apply_wrenches,
-    closure_wrenches,
-    coupling_torques,
-    joint_reactions,
-    loop_loads,
+    entry_of,
+    instant_of,
     stack_wrenches,
     stacked_rows,
 )
-from framework.errors import SingularPose
-from framework.kinematics.inverse_kinematics import require_square
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.errors import NotAssembled, SingularPose
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
-from framework.kinematics.loop_matrices import clearance, find_near_type2
-from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
+from framework.kinematics.loop_matrices import find_near_type2, type2_matrix
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
-from framework.tolerances import RANK_LOST
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.singularity.bordered_system import root_of_g
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
+from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-
-@dataclass(frozen=True, eq=False)
-class Instant(ReadOnlyArrays):
-    """State and loads of a robot at one instant; wrenches are (force, moment) (6,) on base axes [N, N m].
-
-    For a stack of T instants the first axis of every array is T. The deflections of springs are those of q;
-    `spring_force` is the force that the springs must exert for balance, whatever their stiffness.
-    """
-
-    robot: ParallelRobot
-    q: Array  # (nq,)
-    v: Array  # (nv,)
-    a: Array  # (nv,)
-    torque: Array  # (n_a,) motor side [N m], rotors included
-    joint_torque: Array  # (n_a,) joint side [N m, N], rotors not included
-    spring_force: Array  # (n_e,) [N, N m]
-    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
-    _forces: Array = field(repr=False)  # (T, nv) r of `tree_forces`
-
-    @cached_property
-    def clearance(self) -> Array | float:
-        """The least singular value of the passive columns P; infinite without passive joints."""
-        values = clearance(self.robot, self._motion.linearised)
-        return read_only(values) if self.q.ndim == 2 else float(values[0])
-
-    @cached_property
-    def loop_forces(self) -> Mapping[str, Array]:
-        """The wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
-        return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
-
-    @cached_property
-    def coupling_torques(self) -> Mapping[str, Array | float]:
-        """The torque of each coupling ON the first joint [N m, N]; NaN if undetermined.
-
-        The torque on the second joint is minus `ratio` times this torque.
-        """
-        return self._unstack_each(coupling_torques(self.robot, self._loop_loads))
-
-    @cached_property
-    def reactions(self) -> Mapping[str, Array]:
-        """The wrench of each joint, BY the parent body ON the child body at the joint; NaN if undetermined.
-
-        The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
-        a coupling.
-        """
-        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loop_loads))
-
-    @cached_property
-    def platform_inertia(self) -> Array:
-        """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
-        mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
-        _G, rates = motor_speeds(self.robot, self._motion.linearised)  # (T, nv, n) joints, for unit twists
-        return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
-
-    @cached_property
-    def motor_inertia(self) -> Array:
-        """The inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
-
-        It is S' M_x S with S = dv/d(dq_a), the platform's twists per motor rate, and M_x =
-        `platform_inertia`. NaN with redundant motors, and at Type 2, where the platform can move with motors
-        at rest.
-        """
-        robot = self.robot
-        inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
-        regular = np.atleast_1d(self.clearance) >= RANK_LOST
-        if robot.n_a == robot.n:
-            _G, joint_rates = motor_speeds(robot, self._motion.linearised)  # for unit twists
-            S = np.linalg.inv(joint_rates[:, robot.actuated][regular])
-            M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
-            inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
-        return self._unstack(inertia)
-
-    @cached_property
-    def platform_velocity(self) -> Array:
-        """The platform's twist v (n,), see `kinematics.platform`.
-
-        For a platform with several axes of rotation the twist is not dx/dt.
-        """
-        twist, _twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist)
-
-    @cached_property
-    def platform_acceleration(self) -> Array:
-        """The time derivative (n,) of `platform_velocity`."""
-        _twist, twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist_rate)
-
-    @property
-    def velocity_matrices(self) -> VelocityMatrices:
-        """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
-        return self._matrices[0]
-
-    @property
-    def velocity_matrix_rates(self) -> VelocityMatrices:
-        """Time derivatives of A, B and C, see `matrices_and_rates`."""
-        return self._matrices[1]
-
-    @property
-    def indeterminate(self) -> tuple[str, ...]:
-        """Names of wrench components that no equation determines: `tip: force z`, `elbow: moment x`."""
-        components = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
-        names = []
-        for name, wrench in [*self.loop_forces.items(), *self.reactions.items()]:
-            is_undetermined = np.isnan(np.atleast_2d(wrench)).any(axis=0)  # (6,)
-            names += [f"{name}: {components[k]}" for k in np.flatnonzero(is_undetermined)]
-        return tuple(names)
-
-    @cached_property
-    def _loop_loads(self) -> LoopLoads:
-        """The multipliers of all loop equations that balance the robot, at T instants."""
-        torque = np.atleast_2d(self.joint_torque)
-        loads = loop_loads(self.robot, self._motion.linearised, self._forces, torque)
-        freeze(loads)
-        return loads
-
-    @cached_property
-    def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
-        """The velocity matrices and their time derivatives."""
-        matrices, rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
-
-    def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...), or its only item for a single configuration q."""
-        return read_only(stack if self.q.ndim == 2 else stack[0])
-
-    def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Return each of the stacks as `_unstack` does."""
-        return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
+MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
+PANEL_NODES = 24  # an even number, so that no node is in the middle
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
+MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
+SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
 
 
 def dynamics_at(
@@ -263,14 +146,6 @@ def prescribed_motion(
     return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
 
 
-def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq).
-
-    `q` may be an object with an attribute `q`, such as the result of `assemble`.
-    """
-    return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
-
-
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
     """Raise SingularPose if one of the platform's poses x (T, n) is singular of Type 2."""
     singular = find_near_type2(robot, linearised)
@@ -286,28 +161,183 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     )
 
 
-def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the instants of a stack of motions, with their forces.
-
-    Args:
-        r: (T, nv) forces of the open tree [N m or N].
-        forces: forces of motors and springs, in balance with r.
-        entry: index of the instants in the stack, see `entry_of`.
-    """
-    freeze((motion, r))
-    return Instant(
-        robot=robot,
-        q=motion.q[entry],
-        v=motion.v[entry],
-        a=motion.a[entry],
-        torque=motor_torque(robot, motion, forces.joint_torque)[entry],
-        joint_torque=forces.joint_torque[entry],
-        spring_force=forces.spring_force[entry],
-        _motion=motion,
-        _forces=r,
-    )
-
-
 def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
     """Return rates (count, width) as `stacked_rows` does; zeros by default."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
+
+
+def forces_through_singularity(
+    robot: ParallelRobot,
+    closed: ClosedStack,
+    *,
+    rates: tuple[Array, Array, Array],
+    wrenches: Mapping[str, Array],
+) -> Forces:
+    """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
+
+    The motion is continued in time by the Taylor polynomial of third order. The torques beside the
+    singularity are regular, and their interpolation at t = 0 is the limit.
+
+    Args:
+        closed: the singular configuration, T = 1.
+        rates: first, second and third time derivatives of the platform coordinates, each (n,).
+        wrenches: external wrenches (6,) by frame, constant on base axes.
+
+    Raises:
+        SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
+            the motion does not cross the locus; the torques on both sides cannot be resolved.
+    """
+    x = closed.x[0]
+    place = f"{robot.name}: at {robot.place(x)}"
+    uncontrolled = uncontrolled_motion(robot, closed.linearised)
+    if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
+        several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
+        reason = UNCROSSABLE.get(uncontrolled.kind, several)
+        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=x)
+    dx, ddx, jerk = rates
+    singular = motion_at(robot, closed, dx[None], ddx[None])
+    half_panel = _half_panel_duration(robot, singular, jerk)
+    if not np.isfinite(half_panel):
+        raise SingularPose(
+            f"{place} the motion stands still on a Type 2 singularity: no law can rest on the locus",
+            platform=x,
+        )
+
+    def motion_at_times(t: Array) -> Motion:
+        """Compute the continued motion at t (T,) [s]."""
+        motion = _taylor_motion(robot, singular, closed.x, np.array(rates), t)
+        return apply_wrenches(robot, motion, wrenches)
+
+    instant = _crossing_instant(robot, motion_at_times, half_panel, place, x)
+    _check_condition(robot, motion_at_times(np.array([instant])), place)
+    return _interpolate_torques(robot, motion_at_times, half_panel, place, x)
+
+
+def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
+    """Compute the motion at t (T,) [s] by a Taylor polynomial of the platform's coordinates.
+
+    The loops are closed from a guess of second order for all joints.
+
+    Args:
+        singular: the motion at t = 0.
+        x: platform coordinates (1, n) at t = 0.
+        rates: first, second and third time derivatives (3, n) of x at t = 0.
+    """
+    rate, acceleration, jerk = rates
+    t = t[:, None]
+    dx = rate + t * acceleration + t**2 / 2 * jerk
+    ddx = acceleration + t * jerk
+    displacement = t * rate + t**2 / 2 * acceleration + t**3 / 6 * jerk
+    joint_steps = t * singular.v + t**2 / 2 * singular.a
+    guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), joint_steps)
+    return motion_at(robot, close_loops(robot, x + displacement, guess), dx, ddx)
+
+
+def _interpolate_torques(
+    robot: ParallelRobot,
+    motion_at_times: Callable[[Array], Motion],
+    half_panel: float,
+    place: str,
+    x: Array,
+) -> Forces:
+    """Interpolate joint torques and spring forces at t = 0.
+
+    The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
+
+    Raises:
+        SingularPose: the series is not resolved.
+    """
+    least_tail = np.inf
+    for _ in range(MAX_HALVINGS):
+        grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
+        half_panel *= 0.5
+        try:
+            motion = motion_at_times(grid.times)
+        except NotAssembled:
+            continue  # a shorter motion may stay within reach
+        forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
+        series = coefficients(np.concatenate(forces, axis=1))
+        least_tail = min(least_tail, tail(series))
+        if tail(series) <= TORQUE_TAIL:
+            value = evaluate(np.zeros(1), series)
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+    raise SingularPose(
+        f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
+        f"another singularity is very near",
+        platform=x,
+    )
+
+
+def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
+    """Compute the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest.
+
+    Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
+    """
+    scale = robot.column_scale
+    if not np.any(motion.v):
+        return np.inf
+    duration = np.inf
+    derivatives = (motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale)
+    for order, rates in enumerate(derivatives, start=1):
+        largest = np.abs(rates).max()
+        if largest > 0:
+            duration = min(duration, (factorial(order) * MAX_JOINT_TRAVEL / largest) ** (1 / order))
+    return duration
+
+
+def _crossing_instant(
+    robot: ParallelRobot,
+    motion_at_times: Callable[[Array], Motion],
+    half_panel: float,
+    place: str,
+    x: Array,
+) -> float:
+    """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
+
+    Raises:
+        SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+    """
+    if robot.n_a > robot.n:
+        return 0.0  # with redundant motors g has a double root, without a change of sign
+
+    def matrices(t: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at t (T,)."""
+        return type2_matrix(robot, motion_at_times(t).linearised)
+
+    root = root_of_g(matrices, 0.0, low=-half_panel, high=half_panel)
+    both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
+    signs, _log_sizes = np.linalg.slogdet(both_sides)
+    changes_sign = np.prod(signs) < 0
+    is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
+    is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
+    if not (is_at_root and changes_sign and is_regular):
+        raise SingularPose(
+            f"{place} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
+            f"is then a limit that needs more than the jerk; plan the motion",
+            platform=x,
+        )
+    return root.place
+
+
+def _check_condition(robot: ParallelRobot, motion: Motion, place: str) -> None:
+    """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
+
+    eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
+    """
+    uncontrolled = uncontrolled_motion(robot, motion.linearised)
+    terms = tree_forces(robot, motion)[0] * uncontrolled.motion
+    rate = np.abs(motion.v / robot.column_scale).max()
+    escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
+    # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
+    centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
+    size = max(np.abs(terms).sum(), centripetal)
+    wrench = float(terms.sum())
+    if abs(wrench) <= CONDITION_RESIDUAL * size:
+        return
+    unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
+    raise SingularPose(
+        f"{place} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
+        f"condition (8) asks for zero: no torque is large enough",
+        platform=robot.platform.coordinates(motion.linearised.frames)[0],
+        wrench=wrench,
+    )

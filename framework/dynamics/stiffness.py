@@ -38,7 +38,7 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
@@ -137,7 +137,7 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
 
-    For motors that turn freely see `dynamics.vibrations.free_motor_frequency`.
+    For motors that turn freely see `free_motor_frequency`.
     """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
@@ -309,3 +309,37 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T
+
+
+def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the first natural frequency (T,) [Hz] with free motors at assembled q (T, nq).
+
+    The frequencies solve Z'KZ z = omega^2 Z'MZ z, where Z spans the motions that the loops allow, M includes
+    the rotors, and K has the springs that make the robot flexible. Rigid motions, one for each degree of
+    freedom of the rigid robot, have no frequency and are left out. A motion without mass has an infinite
+    frequency. Without springs the result is infinite.
+
+    Raises:
+        numpy.linalg.LinAlgError: a motion has neither mass nor stiffness.
+    """
+    from scipy.linalg import eigh
+
+    if not robot.n_e:
+        return np.full(len(q), np.inf)
+    stiffness = np.zeros(robot.nv)
+    stiffness[robot.elastic] = robot.stiffness
+    loops = scaled_loops(robot, linearised_at(robot, q, None))
+    frequency = np.empty(len(q))
+    for k, tree_mass in enumerate(mass_matrices(robot, q)):
+        _U, _values, V_rows = np.linalg.svd(loops[k])
+        null = V_rows[len(loops[k]) :].T  # (nv, d)
+        Z = robot.column_scale[:, None] * null
+        mass = Z.T @ (tree_mass + np.diag(robot.rotors)) @ Z
+        springs = Z.T @ (stiffness[:, None] * Z)
+        # mass is singular for massless parts, springs for rigid motions; the eigenvalues
+        # mu = 1 / (omega^2 + shift) are finite for both
+        shift = np.trace(springs) / max(np.trace(mass), np.finfo(float).tiny)
+        mu = eigh(mass, springs + shift * mass, eigvals_only=True)  # ascending, the n_e vibrations first
+        first = mu[robot.n_e - 1]
+        frequency[k] = np.sqrt(max(1.0 / first - shift, 0.0)) / (2.0 * np.pi) if first > 0.0 else np.inf
+    return frequency

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
-from framework.dynamics.force_changes import force_changes
+from framework.dynamics.forces import force_changes
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,

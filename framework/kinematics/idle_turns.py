@@ -9,8 +9,8 @@ matrix of damping or armature, Z(q) the motion of the turn alone, and joint rate
 
 So the rates of the turn remain a function of the pose, linear in the rates of the platform, which motion laws
 need. Only balls with equal values about all three axes count, because their effect does not depend on the
-angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
-the rod's own inertia.
+angle of the turn. `dynamics.motion_checks` measures the torque that remains: of armature beside damping,
+and of the rod's own inertia.
 """
 
 from __future__ import annotations

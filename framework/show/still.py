@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.path import Path
 
-from framework.dynamics.action_lines import action_lines
+from framework.dynamics.platform_wrench import action_lines
 from framework.kinematics.placements import planar_normal
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.drawing import convex_hull, draw_robot, draw_scale_bar

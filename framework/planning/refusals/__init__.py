@@ -98,9 +98,9 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.residuals.measure_residuals
+        dynamics.motion_checks.measure_residuals
     LoadedJoint: a joint is loaded that nothing holds
-        dynamics.residuals.check_idle_joints
+        dynamics.motion_checks.check_idle_joints
 
 The plan:
 

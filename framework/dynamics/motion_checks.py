@@ -1,42 +1,53 @@
-"""The residuals of all equations along the whole motion, on the nodes in time and between them.
+"""Checks of a computed motion: residuals of all equations, near misses, and the errors if a check fails.
 
 The motion is computed from the loop equations that are independent at the reference, with the idle joints at
-rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the residual torques:
-torques that the planned motion would need in addition to motors and springs. They vanish if the motion is
-exact. With the forces r of the open tree, the Jacobian J of the loop equations, the selection S of the
-actuated joints and the joint torques tau_joint,
+rest or turned by `kinematics.idle_turns`. The checks evaluate all loop equations, on the nodes in time and
+between them, and the residual torques: torques that the planned motion would need in addition to motors and
+springs. They vanish if the motion is exact. With the forces r of the open tree, the Jacobian J of the loop
+equations, the selection S of the actuated joints and the joint torques tau_joint,
 
     r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
     residual         = r - J' lambda           along the idle joints
 
 X is the platform's Jacobian and w the platform wrench missing for balance; [X; J] is regular at Type 2.
+
+Beside a singularity that the path misses, torques may rise like 1/|g|, in a peak as wide as the stretch of
+the path on which |g| doubles. Nodes that are farther apart do not resolve this peak, however small the tail
+of the series. So the torques are computed again where |g| is least and where it has doubled.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from framework.dynamics.body_parameters import link_of
+from framework.dynamics.elastic_pass import spring_scale
 from framework.dynamics.elasticity import DeflectionSolution
-from framework.dynamics.forces import loop_multipliers, tree_forces
+from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
-from framework.errors import LoadedJoint, NotAssembled
+from framework.dynamics.singularity_crossings import find_instants
+from framework.errors import LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
+from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_axis
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.laws.law import law_derivatives
-from framework.laws.path import time_derivatives
+from framework.laws.path import PointPath, time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import evaluate_together
-from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
+from framework.singularity.piecewise_measure import extremum_near
+from framework.singularity.points_on_path import SearchedPath
+from framework.singularity.rank_deficiency import NearMiss
+from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
 
 
 def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
@@ -202,3 +213,119 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
         loops = np.einsum("tm,tmv->tv", loop_force, motion.linearised.closures[:, :, idle])  # J' lambda
         residual[:, idle] = forces[:, idle] - loops
     return residual
+
+
+def unseen_near_miss(
+    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
+) -> NearMiss | None:
+    """Find the first near miss at which the torques differ from their series, if any."""
+    for miss in searched.near_misses:
+        if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
+            continue
+        for t in find_instants(state.law, state.grid.edges, miss.s):
+            if not _is_resolved_near(searched.branch, state, result, miss, t):
+                return miss
+    return None
+
+
+def _is_resolved_near(
+    branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+) -> bool:
+    """Return whether the series of the torques is accurate at a near miss.
+
+    The torques are computed at the least |g| and, on both sides, where |g| is twice as large.
+
+    Args:
+        instant: time [s] at which the robot with springs at rest passes the near miss.
+    """
+    robot, edges = branch.robot, state.grid.edges
+    duration = edges[-1]
+
+    def matrices(shares: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
+        _closed, motion = evaluate_motion(branch, result, shares * duration)
+        return type2_matrix(robot, motion.linearised)
+
+    # deflections shift the least |g|
+    closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
+    times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    _closed, motion = evaluate_motion(branch, result, times)
+    computed = joint_forces(robot, motion).joint_torque
+    torques = state.forces.joint_torque
+    error = np.abs(computed - state.grid.fit(torques)(times)).max()
+    allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
+    return bool(error <= allowed * np.abs(torques).max())
+
+
+def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
+    """Return the place of a near miss, its |g| and a remedy, in words."""
+    robot, x = searched.branch.robot, searched.branch.path(miss.s)
+    return (
+        f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
+        f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
+    )
+
+
+def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
+    """Return the error for deflections that did not converge, with the largest deflection."""
+    size = np.abs(state.caused / spring_scale(robot))  # (T, n_e)
+    instant, k = np.unravel_index(np.argmax(size), size.shape)
+    unit = "m" if robot.sliding[robot.elastic][k] else "rad"
+    why = f" ({state.obstacle})" if state.obstacle else ""
+    return NotConverged(
+        f"{robot.name}: no deflections found that hold the forces they cause: with "
+        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
+        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking{why}; use stiffer "
+        f"springs, geometry rigid, or another law",
+        residual=state.change,
+    )
+
+
+def unresolved_error(
+    searched: SearchedPath,
+    result: InverseDynamics,
+    tolerance: float,
+    *,
+    size: int,
+    enough: float,
+    unseen: NearMiss | None,
+) -> NotConverged:
+    """Return the error for a motion that the finest grid does not resolve.
+
+    Args:
+        result: the motion on the finest grid.
+        size: number of nodes per panel of this grid.
+        enough: the least tolerance that some grid met.
+        unseen: a near miss that no grid resolved, if any.
+    """
+    robot, certificate = searched.branch.robot, result.certificate
+    near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
+    if certificate.tail > tolerance:
+        problem = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
+    elif certificate.change > tolerance:
+        problem = (
+            f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
+            f"of the largest, tolerance {tolerance:.2g})"
+        )
+    elif unseen is not None:
+        problem = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
+    else:
+        gap = certificate.max_closure_error
+        problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    advice = "is the law smooth, is the path far from other singularities?"
+    if not isinstance(searched.branch.path, PointPath):
+        advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"
+    if near_miss is not None:
+        advice = describe_near_miss(searched, near_miss)
+    elif len(searched.points) > 1:
+        first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
+        distance = second.s - first.s
+        advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {distance:.2g} farther on"
+    if tolerance < enough < RESOLVABLE_TAIL:
+        advice = f"tolerance {round_up(1.1 * enough, 2):g} would do; {advice}"
+    return NotConverged(
+        f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
+        residual=certificate.unresolved,
+        s=None if near_miss is None else near_miss.s,
+        platform=None if near_miss is None else searched.branch.path(near_miss.s),
+    )
