@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.laws.clock import Clock
+from framework.laws.optimal_law import Clock
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 

@@ -35,8 +35,7 @@ from framework.dynamics.tangent_stiffness import factor_transposed
 from framework.kinematics.motion_changes import coordinate_changes
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.clock import OnParameter
-from framework.laws.optimal_law import OptimalLaw
+from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction, coefficients
 from framework.numerics.ordered_sums import solve

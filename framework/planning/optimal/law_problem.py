@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, diags_array, vstack
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
-from framework.laws.speed_basis import ONE_CELL, SpeedBasis
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.optimal_task import Task

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.laws.optimal_law import Smoothstep, Stretch
+from framework.laws.optimal_law import Smoothstep
+from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
 from framework.planning.optimal.optimal_task import Task

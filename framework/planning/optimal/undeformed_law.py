@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged
-from framework.laws.exact_duration import SpeedSpace
 from framework.laws.optimal_law import OptimalLaw
+from framework.laws.squared_speed import SpeedSpace
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
