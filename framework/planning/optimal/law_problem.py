@@ -18,8 +18,8 @@ from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
-from framework.planning.optimal.sampled_demand import SampledDemand
 from framework.planning.specification import Specification
 
 POLE_WIDTH = 0.05  # distance in xi from a crossing within which the pole is removed from torque rows
