@@ -21,7 +21,7 @@ dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -45,20 +45,7 @@ class Forces(NamedTuple):
     spring_force: Array  # (T, n_e) force -K q_e of the springs on the elastic coordinates
 
 
-class JointMotion(Protocol):
-    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints; external wrenches."""
-
-    @property
-    def q(self) -> Array: ...
-    @property
-    def v(self) -> Array: ...
-    @property
-    def a(self) -> Array: ...
-    @property
-    def wrenches(self) -> tuple[AppliedWrench, ...]: ...
-
-
-def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
+def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
     """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less external wrenches.
 
     They include gravity, armature, and springs and damping of the joints. For a robot without
@@ -91,29 +78,27 @@ def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Ar
     return forces
 
 
-def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
+def inertial_forces(robot: ParallelRobot, motion: Motion) -> Array:
     """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
-    It is linear in accelerations and quadratic in rates. The difference of `tree_forces` with and without
+    It is linear in accelerations and quadratic in rates. A difference of `tree_forces` with and without
     motion would lose digits where gravity dominates.
     """
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
-def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """Return the motion that causes inertial forces.
-
-    Deflections are constant for a robot without `elastic_inertia`.
-    """
+def _inertial_motion(robot: ParallelRobot, motion: Motion) -> Motion:
+    """Return the motion that causes inertial forces: without `elastic_inertia`, deflections are constant."""
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
 
 
-def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
+def _rnea(robot: ParallelRobot, model: pin.Model, motion: Motion) -> Array:
     """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
 
-    `model` is the robot's model, or the copy of it without gravity.
+    Args:
+        model: `robot.model`, or its copy without gravity, `robot.weightless`.
     """
     data = scratch_of(robot).data
     forces = np.empty((len(motion.q), model.nv))
@@ -139,7 +124,7 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
-    """Compute joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
+    """Compute joint torques (T, n_a) and spring forces (T, n_e) of a motion; see `balanced_forces`."""
     return balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
 
 
@@ -157,12 +142,15 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
     columns = robot.moving  # actuated, then passive
-    # one right side for r, and one for the unit torque of each motor
+    # one right side for r, then one for the unit torque of each motor
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
     balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m): [w; lambda]
-    w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
+    of_tree, of_motors = balancing[0], balancing[1:]
+    w = of_tree[:, : robot.n]  # (T, n)
+    M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
+
     if robot.n_a == robot.n:
         torque = solve(M, w)
     else:  # least in norm on the motor side
@@ -170,9 +158,10 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
         torque = robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
+
     with np.errstate(invalid="ignore"):  # an infinite torque gives NaN
         # [w; lambda_0] - [M; Lambda] tau
-        multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
+        multipliers = of_tree - np.einsum("atk,ta->tk", of_motors, torque)
     multipliers[:, : robot.n] = 0.0  # w - M tau is rounding
     to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)
     return Forces(torque, r[:, robot.elastic] - matvec(to_springs, multipliers))
@@ -198,9 +187,13 @@ def loop_multipliers(
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
     """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for torques of least norm.
 
-    With the QR factorisation matrix' = Q R, the solution for redundant motors is Q R'^-1 wrenches. Rows of
-    forces are multiplied by the robot's length, so that all rows are moments. Otherwise the moments of a
-    small robot would lose digits beside its forces.
+    Row i of the matrix contains the component of the platform wrench on axis i by unit motor torques, and k
+    counts right sides. With the QR factorisation matrix' = Q R, the solution for redundant motors is
+    Q R'^-1 wrenches. Rows of forces are multiplied by the robot's length, so that all rows are moments.
+    Otherwise the moments of a small robot would lose digits beside its forces.
+
+    Returns:
+        Torques (..., T, n_a, k), motor side.
     """
     if robot.n_a == robot.n:
         return solve(matrix, wrenches)
@@ -222,8 +215,8 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
 def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
     """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
 
-    Derivatives by q are with respect to tangent vectors of pinocchio's configurations. The derivative by a is
-    the mass matrix with armature, without rotors.
+    Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
+    pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
     """
     data, nv = scratch_of(robot).data, robot.nv
     by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
@@ -246,12 +239,27 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
     Args:
         multipliers: (T, m) the constant lambda of the independent loop equations.
+        changes: changes of q, v and a by unit steps of k coordinates.
     """
     linearised, dq = motion.linearised, changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
-    forces = changes.accelerations @ mass  # changes are rows, so matrices are transposed and on the right
-    forces[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # steps of positions and of rates
-    forces[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions
-    return forces
+
+    # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
+    changed = changes.accelerations @ mass
+    changed[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # rates change by steps of q and of v
+    changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # positions change by steps of q alone
+    return changed
+
+
+def driven_force_changes(
+    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
+) -> Array:
+    """Compute `force_changes` (3, T, k, nv), rotors and springs included, under joint torques (T, n_a)."""
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
+    changed = force_changes(robot, motion, multipliers, changes)
+    changed += robot.rotors * changes.accelerations
+    changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
+    return changed

@@ -11,7 +11,7 @@ motion, and their changes at fixed lambda, are
     T' (r + rotors + springs - S' n tau) = 0,
     T' d(r - J' lambda + rotors + springs) = T' S' n dtau.
 
-`forces.force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the
+`driven_force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the
 inertia, which is regular at a Type 2 singularity.
 """
 
@@ -24,7 +24,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from framework.dynamics.forces import Forces, force_changes, loop_multipliers, tree_forces
+from framework.dynamics.forces import Forces, driven_force_changes, tree_forces
 from framework.dynamics.instant import (
     Instant,
     apply_wrenches,
@@ -37,7 +37,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import scaled_loops
-from framework.kinematics.motion_changes import MotionChanges, coordinate_changes
+from framework.kinematics.motion_changes import coordinate_changes
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
@@ -177,7 +177,7 @@ def forward_derivatives(
     rates = platform_rates_of(robot, motion)  # x, dx, ddx
     others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
     changes = coordinate_changes(robot, motion, others, rates)
-    force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+    force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
 
     d = robot.n + robot.n_e
     slopes = _coordinate_slopes(robot, changes.q, force_change, d)
@@ -225,18 +225,6 @@ def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
     motor[..., :d] += by_y[..., :d]
     motor[..., d : 2 * d] += by_dy[..., :d]
     return motor
-
-
-def _force_changes(
-    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
-) -> Array:
-    """Compute `force_changes` (3, T, k, nv) with rotors and springs, under joint torques (T, n_a)."""
-    r = tree_forces(robot, motion)
-    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    changed = force_changes(robot, motion, multipliers, changes)
-    changed += robot.rotors * changes.accelerations
-    changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
-    return changed
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:

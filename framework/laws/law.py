@@ -7,11 +7,11 @@ decimals moves the end of the motion from s = 1 to s = 1.77.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import comb, isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -40,7 +40,7 @@ def is_number(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     try:
-        return math.isfinite(value)
+        return isfinite(value)
     except OverflowError:  # a whole number beyond the range of floats
         return False
 
@@ -123,6 +123,27 @@ def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]
     if isinstance(law, PlannedLaw):
         return law.derivatives(t, count)
     return [np.asarray(law(t, order)) for order in range(count)]
+
+
+def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[Array]:
+    """Compute the derivatives of f(g(t)) by t, from order 0 to the order n of the last arguments.
+
+    By Leibniz's rule on the derivative f^(k + 1)(g) g' of f^(k)(g), the derivative of order m of f^(k)(g) is
+    the sum over i < m of binom(m - 1, i) g^(m - i) times the derivative of order i of f^(k + 1)(g).
+
+    Args:
+        outer: f and its derivatives by its argument, at g(t), of orders 0 .. n.
+        inner: derivatives of g by t, of orders 1 .. n.
+    """
+
+    def differentiate(k: int, m: int) -> Array:
+        """Compute the derivative of order m of f^(k)(g(t)) by t."""
+        if m == 0:
+            return outer[k]
+        terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
+        return np.sum(terms, axis=0)
+
+    return [differentiate(0, m) for m in range(len(outer))]
 
 
 class Condition(NamedTuple):

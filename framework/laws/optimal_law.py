@@ -18,14 +18,14 @@ Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from framework.errors import InvalidInput, check_order
-from framework.laws.law import MotionLaw, PlannedLaw, least_value, normalise_time
+from framework.laws.law import MotionLaw, PlannedLaw, compose_derivatives, least_value, normalise_time
 from framework.laws.path import HIGHEST_ORDER
 from framework.laws.squared_speed import (
     ONE_CELL,
@@ -167,21 +167,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate z [1/s^2] or its derivative in sigma up to order 3.
-
-        By the chain rule, with derivatives z_k of z in xi and primes for d/d sigma: z' = z_1 xi',
-        z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
-        """
-        z = partial(evaluate_on_cells, self.basis.cells, self.series, self.stretch(sigma))
-        if order == 0:
-            return z(0)
-        dxi = self.stretch(sigma, 1)
-        if order == 1:
-            return z(1) * dxi
-        ddxi = self.stretch(sigma, 2)
-        if order == 2:
-            return z(2) * dxi**2 + z(1) * ddxi
-        return z(3) * dxi**3 + 3 * z(2) * dxi * ddxi + z(1) * self.stretch(sigma, 3)
+        """Evaluate z(xi(sigma)) [1/s^2] or its derivative by sigma up to order 3, with the shape of sigma."""
+        xi, *xi_slopes = (self.stretch(sigma, k) for k in range(order + 1))
+        by_xi = [evaluate_on_cells(self.basis.cells, self.series, xi, k) for k in range(order + 1)]
+        return compose_derivatives(by_xi, xi_slopes)[order]
 
     def time(self, sigma: ArrayLike) -> Array:
         """Compute the instants t [s] of parameters sigma, with the shape of sigma.
@@ -211,33 +200,22 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], or the order is above 4.
         """
         check_order(order, HIGHEST_ORDER)
-        return self.evaluate_at(self.parameter(t), order)
+        return self.derivatives(t, order + 1)[order]
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        sigma = self.parameter(t)
-        return [self.evaluate_at(sigma, order) for order in range(count)]
+        """Compute s = phi(sigma(t)) and its derivatives of orders below `count` <= 5, each shaped like t.
 
-    def evaluate_at(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate s(sigma) or its time derivative [1/s^order] up to order 4.
-
-        With primes for d/d sigma, u = z'/2 and d/dt = sqrt(z) d/d sigma:
-        ds/dt = phi' sqrt(z), d2s/dt2 = phi' u + phi" z, d3s/dt3 = sqrt(z) J with
-        J = phi' u' + 3 phi" u + phi'" z, and d4s/dt4 = u J + z J'.
+        With primes for d/d sigma and u = z'/2, the time derivatives of sigma are sqrt(z), u, sqrt(z) u' and
+        u u' + z u".
         """
-        phi = [self.phi(sigma, k) for k in range(order + 1)]
-        if order == 0:
-            return phi[0]
-        z = self.squared_speed(sigma)
-        if order == 1:
-            return phi[1] * np.sqrt(z)
-        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]  # u, u', u"
-        if order == 2:
-            return phi[1] * u[0] + phi[2] * z
-        J = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z
-        if order == 3:
-            return np.sqrt(z) * J
-        dJ = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
-        return u[0] * J + z * dJ
+        sigma = self.parameter(t)
+        by_sigma = [self.phi(sigma, order) for order in range(count)]
+        z_slopes = [self.squared_speed(sigma, order) for order in range(count - 1)]
+        not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_slopes))
+        z, dz, ddz, dddz = z_slopes + not_needed  # by sigma
+        speed, u, du, ddu = np.sqrt(z), 0.5 * dz, 0.5 * ddz, 0.5 * dddz
+        sigma_rates = [speed, u, speed * du, u * du + z * ddu]
+        return compose_derivatives(by_sigma, sigma_rates[: count - 1])
 
     @property
     def edges(self) -> Array:

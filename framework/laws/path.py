@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import comb
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.laws.law import is_number
+from framework.laws.law import compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
 
@@ -356,32 +355,13 @@ def _blend_value(w: Array, order: int) -> Array:
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """Compute time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
 
-    `law_values[k]` (T,) is the k-th time derivative of s. By Faa di Bruno's formula the derivative of order m
-    is the sum over k of x^(k)(s) B_mk, with the Bell polynomials
-    B_mk = sum over i of binom(m-1, i-1) s^(i) B_(m-i)(k-1).
+    `law_values[k]` (T,) is the k-th time derivative of s.
     """
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
-    x = [path(law_values[0], k) for k in range(order + 1)]  # derivatives in s
-    bell = _bell_polynomials([value[..., None] for value in law_values])
-    derivatives = [x[0]]
-    for m in range(1, order + 1):
-        terms = [x[k] * bell[m, k] for k in range(1, m + 1)]
-        derivatives.append(np.sum(terms, axis=0))
-    return derivatives
-
-
-def _bell_polynomials(ds: list[Array]) -> dict[tuple[int, int], Array]:
-    """Compute the Bell polynomials B_mk of `time_derivatives`, by (m, k).
-
-    `ds[i]` is the time derivative of s of order i, of shape (T, 1).
-    """
-    bell = {(m, 0): np.array(float(m == 0)) for m in range(len(ds))}
-    for m in range(1, len(ds)):
-        for k in range(1, m + 1):
-            terms = [comb(m - 1, i - 1) * ds[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
-            bell[m, k] = np.sum(terms, axis=0)
-    return bell
+    s, *s_rates = law_values
+    by_s = [path(s, k) for k in range(order + 1)]  # x and its derivatives by s
+    return compose_derivatives(by_s, [rate[..., None] for rate in s_rates])
 
 
 # ------------------------------------------------------------------ the check of a user's own path
