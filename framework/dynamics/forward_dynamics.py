@@ -30,8 +30,8 @@ from framework.dynamics.instant import (
     apply_wrenches,
     entry_of,
     instant_of,
+    stack_rows,
     stack_wrenches,
-    stacked_rows,
 )
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
@@ -83,8 +83,8 @@ def forward_dynamics(
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rates = stacked_rows("v", v, robot.nv, count)
-    torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
+    rates = stack_rows("v", v, robot.nv, count)
+    torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = np.zeros((count, robot.nv))
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)

@@ -229,20 +229,25 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
     stacked = {}
     for frame, wrench in (wrenches or {}).items():
         check_frame(robot, frame)
-        stacked[frame] = stacked_rows(f"wrenches: {frame}", wrench, 6, count)
+        stacked[frame] = stack_rows(f"wrenches: {frame}", wrench, 6, count)
     return stacked
 
 
-def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
-    """Return rows (count, width); repeat a single row (width,).
+def stack_rows(name: str, entries: ArrayLike | None, width: int, count: int) -> Array:
+    """Return rows (count, width); repeat a single row (width,), or zeros for None.
+
+    Args:
+        name: of the argument, for the message.
 
     Raises:
         InvalidInput: `entries` has another shape, or numbers that are not finite.
     """
-    values = finite_numbers(name, entries, width, stacks=True)
-    if values.ndim == 2 and len(values) != count:
+    values = finite_numbers(name, np.zeros(width) if entries is None else entries, width, stacks=True)
+    if values.ndim == 1:
+        return np.repeat(values[None], count, axis=0)
+    if len(values) != count:
         raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
-    return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)
+    return values
 
 
 def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:

@@ -16,8 +16,7 @@ at this instant is the limit, and the decay of the coefficients is the certifica
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from math import factorial
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +28,8 @@ from framework.dynamics.instant import (
     apply_wrenches,
     entry_of,
     instant_of,
+    stack_rows,
     stack_wrenches,
-    stacked_rows,
 )
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import NotAssembled, SingularPose
@@ -81,7 +80,7 @@ def dynamics_at(
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     motion, count = prescribed.motion, len(prescribed.x)
-    jerk = stack_rates("dddx", dddx, robot.n, count)
+    jerk = stack_rows("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, find_near_type2(robot, motion.linearised)):
@@ -91,13 +90,14 @@ def dynamics_at(
                 prescribed.x[k],
                 "is a limit there that needs the motion to third order; give dddx, or plan the motion",
             )
-        limit = forces_through_singularity(
+        limit = _forces_through_singularity(
             robot,
             ClosedStack(motion.q[[k]], prescribed.x[[k]], motion.linearised.select(k)),
-            rates=(prescribed.dx[k], prescribed.ddx[k], jerk[k]),
-            wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
+            np.array([prescribed.dx[k], prescribed.ddx[k], jerk[k]]),
+            {frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
-        forces.joint_torque[k], forces.spring_force[k] = limit.joint_torque[0], limit.spring_force[0]
+        forces.joint_torque[k] = limit.joint_torque[0]
+        forces.spring_force[k] = limit.spring_force[0]
     return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
@@ -140,7 +140,7 @@ def prescribed_motion(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rate, acceleration = stack_rates("dx", dx, robot.n, count), stack_rates("ddx", ddx, robot.n, count)
+    rate, acceleration = stack_rows("dx", dx, robot.n, count), stack_rows("ddx", ddx, robot.n, count)
     applied = stack_wrenches(robot, wrenches, count)
     motion = apply_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
     return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
@@ -161,183 +161,152 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     )
 
 
-def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
-    """Return rates (count, width) as `stacked_rows` does; zeros by default."""
-    return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
-
-
-def forces_through_singularity(
-    robot: ParallelRobot,
-    closed: ClosedStack,
-    *,
-    rates: tuple[Array, Array, Array],
-    wrenches: Mapping[str, Array],
+def _forces_through_singularity(
+    robot: ParallelRobot, closed: ClosedStack, rates: Array, wrenches: Wrenches
 ) -> Forces:
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
-    The motion is continued in time by the Taylor polynomial of third order. The torques beside the
-    singularity are regular, and their interpolation at t = 0 is the limit.
+    The torques beside the singularity are regular, and their interpolation at t = 0 is the limit.
 
     Args:
         closed: the singular configuration, T = 1.
-        rates: first, second and third time derivatives of the platform coordinates, each (n,).
+        rates: first, second and third time derivatives (3, n) of the platform coordinates.
         wrenches: external wrenches (6,) by frame, constant on base axes.
 
     Raises:
         SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
             the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
-    x = closed.x[0]
-    place = f"{robot.name}: at {robot.place(x)}"
+    dx, ddx, _ = rates
+    singular = motion_at(robot, closed, dx[None], ddx[None])
+    motion = _TaylorMotion(robot, closed.x, singular, rates, wrenches)
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=x)
-    dx, ddx, jerk = rates
-    singular = motion_at(robot, closed, dx[None], ddx[None])
-    half_panel = _half_panel_duration(robot, singular, jerk)
-    if not np.isfinite(half_panel):
-        raise SingularPose(
-            f"{place} the motion stands still on a Type 2 singularity: no law can rest on the locus",
-            platform=x,
+        raise motion.refuse(f"the robot is in {reason}: its torque has no limit")
+    if not singular.v.any():
+        raise motion.refuse("the motion stands still on a Type 2 singularity: no law can rest on the locus")
+    half_panel = motion.choose_half_panel()
+    motion.check_condition(motion.find_crossing(half_panel))
+    return motion.interpolate_forces(half_panel)
+
+
+class _TaylorMotion(NamedTuple):
+    """A motion through a singular configuration at t = 0, by a Taylor polynomial of third order of x."""
+
+    robot: ParallelRobot
+    x: Array  # (1, n) platform coordinates at t = 0
+    singular: Motion  # at t = 0
+    rates: Array  # (3, n) first, second and third time derivatives of x at t = 0
+    wrenches: Wrenches  # (6,) by frame, constant on base axes
+
+    def refuse(self, reason: str, wrench: float | None = None) -> SingularPose:
+        """Return the error for this motion; `wrench` is t_s . W_p if condition (8) is violated."""
+        x = self.x[0]
+        return SingularPose(
+            f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
         )
 
-    def motion_at_times(t: Array) -> Motion:
-        """Compute the continued motion at t (T,) [s]."""
-        motion = _taylor_motion(robot, singular, closed.x, np.array(rates), t)
-        return apply_wrenches(robot, motion, wrenches)
+    def evaluate(self, times: Array) -> Motion:
+        """Compute the motion at instants (T,) [s].
 
-    instant = _crossing_instant(robot, motion_at_times, half_panel, place, x)
-    _check_condition(robot, motion_at_times(np.array([instant])), place)
-    return _interpolate_torques(robot, motion_at_times, half_panel, place, x)
+        The loops are closed from a guess of second order for all joints.
+        """
+        rate, acceleration, jerk = self.rates
+        t = times[:, None]
+        dx = rate + t * acceleration + t**2 / 2 * jerk
+        ddx = acceleration + t * jerk
+        displacement = t * rate + t**2 / 2 * acceleration + t**3 / 6 * jerk
+        joint_steps = t * self.singular.v + t**2 / 2 * self.singular.a
+        guess = integrate(self.robot, np.repeat(self.singular.q, len(t), axis=0), joint_steps)
+        closed = close_loops(self.robot, self.x + displacement, guess)
+        return apply_wrenches(self.robot, motion_at(self.robot, closed, dx, ddx), self.wrenches)
 
+    def type2_matrices(self, times: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
+        return type2_matrix(self.robot, self.evaluate(times).linearised)
 
-def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
-    """Compute the motion at t (T,) [s] by a Taylor polynomial of the platform's coordinates.
+    def choose_half_panel(self) -> float:
+        """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
 
-    The loops are closed from a guess of second order for all joints.
+        Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
+        """
+        scale = self.robot.column_scale
+        jerk = self.rates[2] / self.robot.platform_scale
+        derivatives = (self.singular.v / scale, self.singular.a / scale, jerk)
+        largest = np.array([np.abs(values).max() for values in derivatives])
+        orders = np.arange(1, len(derivatives) + 1)
+        with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
+            return float(np.min((np.cumprod(orders) * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
 
-    Args:
-        singular: the motion at t = 0.
-        x: platform coordinates (1, n) at t = 0.
-        rates: first, second and third time derivatives (3, n) of x at t = 0.
-    """
-    rate, acceleration, jerk = rates
-    t = t[:, None]
-    dx = rate + t * acceleration + t**2 / 2 * jerk
-    ddx = acceleration + t * jerk
-    displacement = t * rate + t**2 / 2 * acceleration + t**3 / 6 * jerk
-    joint_steps = t * singular.v + t**2 / 2 * singular.a
-    guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), joint_steps)
-    return motion_at(robot, close_loops(robot, x + displacement, guess), dx, ddx)
+    def find_crossing(self, half_panel: float) -> float:
+        """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
 
-
-def _interpolate_torques(
-    robot: ParallelRobot,
-    motion_at_times: Callable[[Array], Motion],
-    half_panel: float,
-    place: str,
-    x: Array,
-) -> Forces:
-    """Interpolate joint torques and spring forces at t = 0.
-
-    The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
-
-    Raises:
-        SingularPose: the series is not resolved.
-    """
-    least_tail = np.inf
-    for _ in range(MAX_HALVINGS):
-        grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
-        half_panel *= 0.5
-        try:
-            motion = motion_at_times(grid.times)
-        except NotAssembled:
-            continue  # a shorter motion may stay within reach
-        forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
-        series = coefficients(np.concatenate(forces, axis=1))
-        least_tail = min(least_tail, tail(series))
-        if tail(series) <= TORQUE_TAIL:
-            value = evaluate(np.zeros(1), series)
-            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
-    raise SingularPose(
-        f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
-        f"another singularity is very near",
-        platform=x,
-    )
-
-
-def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
-    """Compute the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest.
-
-    Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
-    """
-    scale = robot.column_scale
-    if not np.any(motion.v):
-        return np.inf
-    duration = np.inf
-    derivatives = (motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale)
-    for order, rates in enumerate(derivatives, start=1):
-        largest = np.abs(rates).max()
-        if largest > 0:
-            duration = min(duration, (factorial(order) * MAX_JOINT_TRAVEL / largest) ** (1 / order))
-    return duration
-
-
-def _crossing_instant(
-    robot: ParallelRobot,
-    motion_at_times: Callable[[Array], Motion],
-    half_panel: float,
-    place: str,
-    x: Array,
-) -> float:
-    """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
-
-    Raises:
-        SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
-    """
-    if robot.n_a > robot.n:
-        return 0.0  # with redundant motors g has a double root, without a change of sign
-
-    def matrices(t: Array) -> Array:
-        """Compute the Type 2 matrices (T, n, n) at t (T,)."""
-        return type2_matrix(robot, motion_at_times(t).linearised)
-
-    root = root_of_g(matrices, 0.0, low=-half_panel, high=half_panel)
-    both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
-    signs, _log_sizes = np.linalg.slogdet(both_sides)
-    changes_sign = np.prod(signs) < 0
-    is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
-    is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
-    if not (is_at_root and changes_sign and is_regular):
-        raise SingularPose(
-            f"{place} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
-            f"is then a limit that needs more than the jerk; plan the motion",
-            platform=x,
+        Raises:
+            SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+        """
+        if self.robot.n_a > self.robot.n:
+            return 0.0  # with redundant motors g has a double root, without a change of sign
+        root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
+        both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
+        signs, _log_sizes = np.linalg.slogdet(both_sides)
+        changes_sign = np.prod(signs) < 0
+        is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
+        is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
+        if is_at_root and changes_sign and is_regular:
+            return root.place
+        raise self.refuse(
+            "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
+            "limit that needs more than the jerk; plan the motion"
         )
-    return root.place
 
+    def check_condition(self, instant: float) -> None:
+        """Raise SingularPose if the motion violates condition (8), eta . r = 0, at an instant [s].
 
-def _check_condition(robot: ParallelRobot, motion: Motion, place: str) -> None:
-    """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
+        eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
+        """
+        robot = self.robot
+        motion = self.evaluate(np.array([instant]))
+        uncontrolled = uncontrolled_motion(robot, motion.linearised)
+        terms = tree_forces(robot, motion)[0] * uncontrolled.motion
+        rate = np.abs(motion.v / robot.column_scale).max()
+        escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
+        # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
+        centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
+        size = max(np.abs(terms).sum(), centripetal)
+        wrench = float(terms.sum())
+        if abs(wrench) > CONDITION_RESIDUAL * size:
+            unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
+            raise self.refuse(
+                f"the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where condition "
+                f"(8) asks for zero: no torque is large enough",
+                wrench,
+            )
 
-    eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
-    """
-    uncontrolled = uncontrolled_motion(robot, motion.linearised)
-    terms = tree_forces(robot, motion)[0] * uncontrolled.motion
-    rate = np.abs(motion.v / robot.column_scale).max()
-    escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
-    # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
-    centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
-    size = max(np.abs(terms).sum(), centripetal)
-    wrench = float(terms.sum())
-    if abs(wrench) <= CONDITION_RESIDUAL * size:
-        return
-    unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
-    raise SingularPose(
-        f"{place} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
-        f"condition (8) asks for zero: no torque is large enough",
-        platform=robot.platform.coordinates(motion.linearised.frames)[0],
-        wrench=wrench,
-    )
+    def interpolate_forces(self, half_panel: float) -> Forces:
+        """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
+
+        The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
+
+        Raises:
+            SingularPose: the series is not resolved.
+        """
+        robot = self.robot
+        least_tail = np.inf
+        for halvings in range(MAX_HALVINGS):
+            edges = np.array([-half_panel, half_panel]) / 2**halvings
+            try:
+                motion = self.evaluate(TimeGrid(edges, PANEL_NODES).times)
+            except NotAssembled:
+                continue  # a shorter motion may stay within reach
+            forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
+            series = coefficients(np.concatenate(forces, axis=1))
+            least_tail = min(least_tail, tail(series))
+            if tail(series) <= TORQUE_TAIL:
+                value = evaluate(np.zeros(1), series)
+                return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+        raise self.refuse(
+            f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "
+            f"singularity is very near"
+        )

@@ -315,31 +315,19 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     """Compute the first natural frequency (T,) [Hz] with free motors at assembled q (T, nq).
 
     The frequencies solve Z'KZ z = omega^2 Z'MZ z, where Z spans the motions that the loops allow, M includes
-    the rotors, and K has the springs that make the robot flexible. Rigid motions, one for each degree of
-    freedom of the rigid robot, have no frequency and are left out. A motion without mass has an infinite
-    frequency. Without springs the result is infinite.
-
-    Raises:
-        numpy.linalg.LinAlgError: a motion has neither mass nor stiffness.
+    the rotors, and K has the springs that make the robot flexible. Rigid motions, for which omega = 0, are
+    left out. A motion without mass has an infinite frequency. Without springs the result is infinite.
     """
-    from scipy.linalg import eigh
+    _Q, _R, null = factor_transposed(scaled_loops(robot, linearised_at(robot, q, None)))
+    Z = robot.column_scale[:, None] * null  # (T, nv, d)
+    Z_rows = Z.swapaxes(1, 2)
+    springs = matmul(Z_rows[..., robot.elastic] * robot.stiffness, Z[:, robot.elastic])
+    mass = matmul(Z_rows, matmul(mass_matrices(robot, q) + np.diag(robot.rotors), Z))
 
-    if not robot.n_e:
-        return np.full(len(q), np.inf)
-    stiffness = np.zeros(robot.nv)
-    stiffness[robot.elastic] = robot.stiffness
-    loops = scaled_loops(robot, linearised_at(robot, q, None))
-    frequency = np.empty(len(q))
-    for k, tree_mass in enumerate(mass_matrices(robot, q)):
-        _U, _values, V_rows = np.linalg.svd(loops[k])
-        null = V_rows[len(loops[k]) :].T  # (nv, d)
-        Z = robot.column_scale[:, None] * null
-        mass = Z.T @ (tree_mass + np.diag(robot.rotors)) @ Z
-        springs = Z.T @ (stiffness[:, None] * Z)
-        # mass is singular for massless parts, springs for rigid motions; the eigenvalues
-        # mu = 1 / (omega^2 + shift) are finite for both
-        shift = np.trace(springs) / max(np.trace(mass), np.finfo(float).tiny)
-        mu = eigh(mass, springs + shift * mass, eigvals_only=True)  # ascending, the n_e vibrations first
-        first = mu[robot.n_e - 1]
-        frequency[k] = np.sqrt(max(1.0 / first - shift, 0.0)) / (2.0 * np.pi) if first > 0.0 else np.inf
+    frequency = np.full(len(q), np.inf)
+    for k in range(len(q)):
+        squares, _shapes = _vibrations(springs[k], mass[k])
+        vibrations = squares[squares > 0.0]  # ascending, without rigid motions
+        if len(vibrations):
+            frequency[k] = np.sqrt(vibrations[0]) / (2.0 * np.pi)
     return frequency
