@@ -92,8 +92,8 @@ def dynamics_derivatives(
     require_turns_at_rest(robot)
     motion = prescribed.motion
     require_hold(robot, motion.linearised, prescribed.x)
-    rates = prescribed.x, prescribed.dx, prescribed.ddx
-    changes = coordinate_changes(robot, motion, robot.structure.idle, rates)
+    dx, ddx, _ = prescribed.rates
+    changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, dx, ddx))
     motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
     r = tree_forces(robot, motion)

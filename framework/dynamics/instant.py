@@ -52,17 +52,18 @@ class Instant(ReadOnlyArrays):
     """State and loads of a robot at one instant; wrenches are (force, moment) (6,) on base axes [N, N m].
 
     For a stack of T instants the first axis of every array is T. The deflections of springs are those of q;
-    `spring_force` is the force that the springs must exert for balance, whatever their stiffness.
+    `spring_force` is the force that the springs must exert for balance, whatever their stiffness. The private
+    fields are always stacks, T = 1 for one instant.
     """
 
     robot: ParallelRobot
-    q: Array  # (nq,)
-    v: Array  # (nv,)
-    a: Array  # (nv,)
+    q: Array  # (nq,) configuration
+    v: Array  # (nv,) joint rates
+    a: Array  # (nv,) joint accelerations
     torque: Array  # (n_a,) motor side [N m], rotors included
     joint_torque: Array  # (n_a,) joint side [N m, N], rotors not included
     spring_force: Array  # (n_e,) [N, N m]
-    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
+    _motion: Motion = field(repr=False)
     _forces: Array = field(repr=False)  # (T, nv) r of `tree_forces`
 
     @cached_property
@@ -110,12 +111,12 @@ class Instant(ReadOnlyArrays):
         """
         robot = self.robot
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
-        regular = np.atleast_1d(self.clearance) >= RANK_LOST
         if robot.n_a == robot.n:
+            is_regular = np.atleast_1d(self.clearance) >= RANK_LOST  # (T,)
             _G, joint_rates = motor_speeds(robot, self._motion.linearised)  # for unit twists
-            S = np.linalg.inv(joint_rates[:, robot.actuated][regular])
-            M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
-            inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
+            S = np.linalg.inv(joint_rates[:, robot.actuated][is_regular])
+            M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[is_regular]
+            inertia[is_regular] = S.swapaxes(1, 2) @ M_x @ S
         return self._unstack(inertia)
 
     @cached_property
@@ -133,15 +134,17 @@ class Instant(ReadOnlyArrays):
         _twist, twist_rate = platform_twists(self.robot, self._motion)
         return self._unstack(twist_rate)
 
-    @property
+    @cached_property
     def velocity_matrices(self) -> VelocityMatrices:
         """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
-        return self._matrices[0]
+        matrices, _rates = matrices_and_rates(self.robot, self._motion)
+        return VelocityMatrices(*map(self._unstack, matrices))
 
-    @property
+    @cached_property
     def velocity_matrix_rates(self) -> VelocityMatrices:
         """Time derivatives of A, B and C, see `matrices_and_rates`."""
-        return self._matrices[1]
+        _matrices, rates = matrices_and_rates(self.robot, self._motion)
+        return VelocityMatrices(*map(self._unstack, rates))
 
     @property
     def indeterminate(self) -> tuple[str, ...]:
@@ -161,26 +164,21 @@ class Instant(ReadOnlyArrays):
         freeze(loads)
         return loads
 
-    @cached_property
-    def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
-        """The velocity matrices and their time derivatives."""
-        matrices, rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
-
     def _unstack(self, stack: Array) -> Array:
         """Return a stack (T, ...), or its only item for a single configuration q."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Return each of the stacks as `_unstack` does."""
+        """Return named stacks (T, ...), or the only item of each for a single configuration q."""
         return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the instants of a stack of motions, with their forces.
+    """Return the instants of a motion, with their forces.
 
     Args:
-        r: (T, nv) forces of the open tree [N m or N].
+        motion: T instants; its arrays become read-only.
+        r: (T, nv) forces of the open tree [N m or N]; becomes read-only.
         forces: forces of motors and springs, in balance with r.
         entry: index of the instants in the stack, see `entry_of`.
     """
@@ -199,7 +197,7 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
 
 
 def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq).
+    """Return the index of results in a stack: 0 for one configuration q (nq,), all for a stack (T, nq).
 
     `q` may be an object with an attribute `q`, such as the result of `assemble`.
     """
@@ -210,10 +208,10 @@ class LoopLoads(NamedTuple):
     """The unit wrenches of all loop equations (rows), and the multipliers that balance the robot."""
 
     wrench: Array  # (T, rows, 6) of a unit multiplier on the second body, at the second frame's origin
-    position: Array  # (T, rows, 3) of that origin
-    displacement: Array  # (T, rows, 3) from the origin of the first frame to that of the second
-    multipliers: Array  # (T, rows) of least norm
-    free: Array  # (T, rows, rows) each row a vector in the null space of J', or zeros
+    position: Array  # (T, rows, 3) [m] position of that origin
+    displacement: Array  # (T, rows, 3) [m] from the origin of the first frame to that of the second
+    multipliers: Array  # (T, rows) lambda of least norm
+    free: Array  # (T, rows, rows) whose rows span the null space of J'; some are zeros
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint: (T, 6) ON the body, at the frame's origin, base axes
@@ -233,16 +231,16 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
     return stacked
 
 
-def stack_rows(name: str, entries: ArrayLike | None, width: int, count: int) -> Array:
-    """Return rows (count, width); repeat a single row (width,), or zeros for None.
+def stack_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
+    """Return rows (count, width); repeat a single row (width,).
 
     Args:
-        name: of the argument, for the message.
+        name: name of the argument in the error message.
 
     Raises:
         InvalidInput: `entries` has another shape, or numbers that are not finite.
     """
-    values = finite_numbers(name, np.zeros(width) if entries is None else entries, width, stacks=True)
+    values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 1:
         return np.repeat(values[None], count, axis=0)
     if len(values) != count:
@@ -251,7 +249,7 @@ def stack_rows(name: str, entries: ArrayLike | None, width: int, count: int) -> 
 
 
 def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
-    """Return the motion with external wrenches, each (6,) or (T, 6)."""
+    """Return the motion under external wrenches, each (6,) or (T, 6)."""
     frames = motion.linearised.frames
     applied = (applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
     return motion.with_wrenches(tuple(applied))
@@ -263,14 +261,20 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     The row of J for a loop equation contains the power of its unit wrench along the screw of each joint. The
     power is positive if the joint carries the second body of the loop alone, negative if it carries the first
     alone, and zero otherwise.
+
+    Args:
+        r: forces of the open tree.
+        joint_torque: tau_joint (T, n_a).
     """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
-    wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
-    signs = frames.carried[rows.second] - frames.carried[rows.first]
-    screws = frames.screws.swapaxes(1, 2)[:, :, columns]
+    wrench = linearised.loops.wrench
+    position = frames.position[:, rows.second]
+    signs = frames.carried[rows.second] - frames.carried[rows.first]  # (rows, nv)
+    screws = frames.screws.swapaxes(1, 2)[:, :, columns]  # (T, 6, columns)
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
     jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
-    loop_forces = r[:, columns].copy()
+
+    loop_forces = r[:, columns].copy()  # J' lambda
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths
     scaled_jacobian = jacobian * scale / lengths[:, None]  # in radians and robot lengths
@@ -285,16 +289,19 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
     With the singular value decomposition J = U S V', lambda = U S^-1 V' forces over the nonzero singular
     values. The other columns of U span the null space of J'.
 
+    Args:
+        J: (T, rows, f).
+
     Returns:
-        lambda, and an array (T, rows, rows) whose nonzero rows span the null space.
+        lambda, and an array (T, rows, rows) whose nonzero rows span the null space of J'.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]
-    nonzero = singular_values > RANK_ROUNDING * singular_values.max(axis=1, initial=0.0)[:, None]
-    components = matvec(V_rows[:, :count], forces)
-    components = np.where(nonzero, components / np.where(nonzero, singular_values, 1.0), 0.0)
+    is_nonzero = singular_values > RANK_ROUNDING * singular_values.max(axis=1, initial=0.0)[:, None]
+    divisors = np.where(is_nonzero, singular_values, np.inf)  # zero singular values contribute nothing
+    components = matvec(V_rows[:, :count], forces) / divisors
     null_space = U.swapaxes(1, 2).copy()
-    null_space[:, :count] *= ~nonzero[:, :, None]  # keeps the columns of U with zero singular values
+    null_space[:, :count] *= ~is_nonzero[:, :, None]  # keeps the columns of U with zero singular values
     return matvec(U[:, :, :count], components), null_space
 
 
@@ -305,7 +312,8 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     closure's unit wrenches times their multipliers.
     """
     unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
-    wrenches, first_row = {}, 0
+    wrenches = {}
+    first_row = 0
     for closure in robot.description.closures:
         rows = slice(first_row, first_row + len(closure.axes))
         first_row = rows.stop
@@ -336,17 +344,20 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins
+
+    # which joint carries which body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
     first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
-    carried_by_joint = tree_columns(robot).carried[:, first_columns]
-    carried_by_joint = np.insert(carried_by_joint, 0, 1.0, axis=1)  # (bodies, joints): the base carries all
+    carried_by_joint = np.insert(tree_columns(robot).carried[:, first_columns], 0, 1.0, axis=1)
     bodies, rows = scratch_of(robot).bodies, robot.rows
     signs = carried_by_joint[bodies[rows.second]] - carried_by_joint[bodies[rows.first]]  # (rows, joints)
+
     # sum the wrenches of each joint about the base's origin, then move the sums to the joints' origins
     about_base = move_wrench(loops.wrench, loops.position)
     loads = matmul(signs.T, loops.multipliers[:, :, None] * about_base)
     for load in motion.wrenches:
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
+
     # the wrench in joint j of each null-space vector k: sum over rows m
     free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
     free = move_wrench(free, -position[:, :, None])

@@ -53,22 +53,28 @@ from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABL
 def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+
     Raises:
         NotAssembled: a loop equation that was left out as redundant is open on a node.
     """
     robot = branch.robot
-    on_nodes = state.motion.linearised.loops.residual
     _check_dropped_rows(robot, state)
-    times = _instants(robot, state.grid.times)
+    times = _check_instants(robot, state.grid.times)
     closed, motion = evaluate_motion(branch, result, times)
-    platform_gap = closed.linearised.residual[:, : robot.n]
-    gaps = np.concatenate([on_nodes, closed.linearised.loops.residual, platform_gap], axis=None)
     torques = state.grid.fit(state.forces.joint_torque)(times)
     residual = _residual_torques(robot, motion, torques)
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
+    gaps = (
+        state.motion.linearised.loops.residual,  # on the nodes
+        closed.linearised.loops.residual,
+        closed.linearised.residual[:, : robot.n],  # of the platform
+    )
     return replace(
         result.certificate,
-        max_closure_error=float(np.abs(gaps).max()),
+        max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
         max_residual_torque=float(np.abs(residual).max()),
         rounded_gap=_rounded_gap(robot, state.motion.q),
     )
@@ -100,21 +106,29 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
     No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
     same order of magnitude.
 
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
     """
     robot, idle = branch.robot, branch.robot.structure.idle
     if not len(idle):
         return 0.0
-    times, scale = _instants(robot, state.grid.times), robot.column_scale
+    times = _check_instants(robot, state.grid.times)
     _closed, motion = evaluate_motion(branch, result, times)
     torques = state.grid.fit(state.forces.joint_torque)(times)
     loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
+
+    # find the largest load, with forces of sliding joints converted to moments
+    scale = robot.column_scale
     instant, k = np.unravel_index(np.abs(loads * scale[idle]).argmax(), loads.shape)
     load, column = float(loads[instant, k]), int(idle[k])
     largest_torque = np.abs(torques * scale[robot.actuated]).max()
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
+
     joint = robot.coordinates.name_of(column)
     raise LoadedJoint(
         f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
@@ -145,18 +159,18 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
 
 
-def _instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Return the instants [s] of the check: half-way between the nodes and, with idle joints, the nodes.
+def _check_instants(robot: ParallelRobot, nodes: Array) -> Array:
+    """Return instants (T,) [s] half-way between the nodes and, with idle joints, the nodes too.
 
-    On the nodes the equations of all joints but the idle ones hold by construction, so that nodes are no
-    check of these joints.
+    On the nodes the equations of all joints but the idle ones hold by construction, so that nodes check the
+    idle joints alone.
     """
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the result's series at instants (T,) [s]: poses, and motion that causes the forces.
+    """Evaluate the result's series at instants (T,) [s]: poses, and the motion that causes the forces.
 
     The loops are not closed again, so that poses and motion have the errors of the series. With rigid
     geometry the motion is that of the undeformed robot, and its loops are closed.
@@ -175,11 +189,11 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
 
 def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
     """Raise NotAssembled if a loop equation that was left out as redundant is open on a node."""
-    scale, dropped = robot.row_lengths, robot.structure.dropped
+    dropped = robot.structure.dropped
     if not len(dropped):
         return
     residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
-    scaled_gaps = np.abs(residual[:, dropped]) / scale[dropped]
+    scaled_gaps = np.abs(residual[:, dropped]) / robot.row_lengths[dropped]
     instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
     if scaled_gaps[instant, k] <= LOOP_GAP:
         return
@@ -204,21 +218,26 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     Args:
         torque: motor torques (T, n_a), joint side.
     """
-    forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
-    multipliers = loop_multipliers(robot, motion.linearised, forces, torque)
-    w, loop_force = multipliers[:, : robot.n], multipliers[:, robot.n :]
-    residual = np.zeros_like(forces)
-    residual[:, columns] = np.einsum("tn,tnv->tv", w, motion.linearised.platform[:, :, columns])  # X' w
-    if len(idle):
-        loops = np.einsum("tm,tmv->tv", loop_force, motion.linearised.closures[:, :, idle])  # J' lambda
-        residual[:, idle] = forces[:, idle] - loops
+    linearised, columns, idle = motion.linearised, robot.moving, robot.structure.idle
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, linearised, r, torque)
+    w, loop_multiplier = multipliers[:, : robot.n], multipliers[:, robot.n :]
+    residual = np.zeros_like(r)
+    residual[:, columns] = np.einsum("tn,tnv->tv", w, linearised.platform[:, :, columns])  # X' w
+    loop_forces = np.einsum("tm,tmv->tv", loop_multiplier, linearised.closures[:, :, idle])  # J' lambda
+    residual[:, idle] = r[:, idle] - loop_forces
     return residual
 
 
 def unseen_near_miss(
     searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
-    """Find the first near miss at which the torques differ from their series, if any."""
+    """Find the first near miss at which the torques differ from their series, if any.
+
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+    """
     for miss in searched.near_misses:
         if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
             continue
@@ -233,7 +252,8 @@ def _is_resolved_near(
 ) -> bool:
     """Return whether the series of the torques is accurate at a near miss.
 
-    The torques are computed at the least |g| and, on both sides, where |g| is twice as large.
+    The torques are computed at the least |g| and, on both sides, where |g| is twice as large. They must agree
+    with the series to the tolerance of a resolved torque, plus the relative rounding error of g.
 
     Args:
         instant: time [s] at which the robot with springs at rest passes the near miss.
@@ -246,13 +266,12 @@ def _is_resolved_near(
         _closed, motion = evaluate_motion(branch, result, shares * duration)
         return type2_matrix(robot, motion.linearised)
 
-    # deflections shift the least |g|
+    # deflections shift the least |g|; `closest.s` is a share of the duration
     closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
     times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
     _closed, motion = evaluate_motion(branch, result, times)
-    computed = joint_forces(robot, motion).joint_torque
     torques = state.forces.joint_torque
-    error = np.abs(computed - state.grid.fit(torques)(times)).max()
+    error = np.abs(joint_forces(robot, motion).joint_torque - state.grid.fit(torques)(times)).max()
     allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
     return bool(error <= allowed * np.abs(torques).max())
 

@@ -42,17 +42,13 @@ class PlatformWrench(NamedTuple):
     rotors: Array  # (T, n) the part of W due to the rotors
 
     def force_along(self, twist: Array) -> Array:
-        """Compute the required force (T,) along a twist (n,) or (T, n)."""
+        """Compute the component (T,) of the required wrench along a twist (n,) or (T, n)."""
         return np.sum(self.required * twist, axis=1)
-
-    def missing_wrench(self, torque: Array) -> Array:
-        """Compute the missing wrench W - G' tau (T, n) under torques tau (T, n_a)."""
-        return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Compute the largest force (T,) of motors along a twist t (n,) or (T, n).
 
-        It is |G t| . limits.
+        It is |G t| . limits, with torque limits (n_a,).
         """
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
@@ -73,12 +69,16 @@ class PlatformWrench(NamedTuple):
 
         The convex hull of these wrenches is the set that the motors can exert.
         """
-        corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
-        return np.einsum("ca,tan->tcn", corners, self.motor_speed)  # G' tau of each corner
+        signs = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit))))  # (2^n_a, n_a)
+        return (signs * torque_limit) @ self.motor_speed
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists."""
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
+    """
     count = len(linearised.residual)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
     rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
@@ -99,7 +99,7 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
 
 
 class Hold(NamedTuple):
-    """The torques of motors at rest that balance a platform wrench."""
+    """The motor torques that balance a platform wrench at rest."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
     torque: Array | None  # (n_a,) [N m] motor side; None if not unique
@@ -141,6 +141,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
+
     # scale t_s to unit size, along the motion, where |g| is least
     nearest = int(np.argmin(np.abs(measure.g)))
     signed_norm = twist_norm(robot, twist[nearest]) or 1.0
@@ -185,17 +186,19 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
     platform = robot.platform
     if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
         return None
-    wrench = np.zeros((*motor_speed.shape[:2], 6))
+    wrench = np.zeros((*motor_speed.shape[:2], 6))  # of each motor, for a torque of 1 N m
     wrench[:, :, platform.axes] = motor_speed
     force, moment = wrench[:, :, :3], wrench[:, :, 3:]
-    vector = force if platform.translations.any() else moment
-    norm = np.linalg.norm(vector, axis=2, keepdims=True)
+    translates = platform.translations.any()
+    along_line = force if translates else moment
+    norm = np.linalg.norm(along_line, axis=2, keepdims=True)
     if not np.all(np.isfinite(wrench)) or np.any(norm <= 0):
         return None
-    direction = vector / norm
+    direction = along_line / norm
     rotations = [axis - 3 for axis in platform.axes if axis >= 3]
-    if not rotations or not platform.translations.any():
+    if not rotations or not translates:
         return ActionLines(np.zeros_like(direction), direction)
+
     # Solve point x direction = moment / norm on the platform's axes of rotation, for the shortest point.
     arm = (moment / norm)[:, :, rotations]  # [m] moments of unit forces
     products = np.cross(np.eye(3), direction[:, :, None, :])  # row i: unit vector i x direction

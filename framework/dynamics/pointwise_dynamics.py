@@ -78,9 +78,8 @@ def dynamics_at(
         SingularPose: the pose is singular of Type 2. There the torque is a limit. It is computed only if dddx
             is given, the motion crosses the locus, and condition (8) holds.
     """
-    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
-    motion, count = prescribed.motion, len(prescribed.x)
-    jerk = stack_rows("dddx", dddx, robot.n, count)
+    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, dddx=dddx, wrenches=wrenches)
+    motion = prescribed.motion
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, find_near_type2(robot, motion.linearised)):
@@ -93,7 +92,7 @@ def dynamics_at(
         limit = _forces_through_singularity(
             robot,
             ClosedStack(motion.q[[k]], prescribed.x[[k]], motion.linearised.select(k)),
-            np.array([prescribed.dx[k], prescribed.ddx[k], jerk[k]]),
+            prescribed.rates[:, k],
             {frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
         forces.joint_torque[k] = limit.joint_torque[0]
@@ -115,9 +114,8 @@ def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
 class PrescribedMotion(NamedTuple):
     """The prescribed motion at T instants, with external wrenches."""
 
-    x: Array  # (T, n)
-    dx: Array  # (T, n)
-    ddx: Array  # (T, n)
+    x: Array  # (T, n) platform coordinates
+    rates: Array  # (3, T, n) their first, second and third time derivatives
     motion: Motion
     wrenches: Wrenches
     entry: int | slice  # index of results: 0 for one configuration, all for a stack
@@ -129,6 +127,7 @@ def prescribed_motion(
     *,
     dx: ArrayLike | None,
     ddx: ArrayLike | None,
+    dddx: ArrayLike | None = None,
     wrenches: Mapping[str, ArrayLike] | None,
 ) -> PrescribedMotion:
     """Check the arguments of `dynamics_at` and compute the prescribed motion.
@@ -140,10 +139,17 @@ def prescribed_motion(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rate, acceleration = stack_rows("dx", dx, robot.n, count), stack_rows("ddx", ddx, robot.n, count)
+    zeros = np.zeros(robot.n)
+    derivatives = {"dx": dx, "ddx": ddx, "dddx": dddx}
+    rates = np.stack(
+        [
+            stack_rows(name, zeros if values is None else values, robot.n, count)
+            for name, values in derivatives.items()
+        ]
+    )
     applied = stack_wrenches(robot, wrenches, count)
-    motion = apply_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
-    return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
+    motion = apply_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
+    return PrescribedMotion(closed.x, rates, motion, applied, entry_of(q))
 
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
