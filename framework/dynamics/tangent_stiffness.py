@@ -5,8 +5,7 @@ balance is dV/dq - w . dx/dq = lambda . dc/dq. The tangent stiffness along motio
 
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
-Second derivatives are exact: lambda . `closure_drift` is the quadratic form of lambda . d2c/dq2, and drifts
-along sums of two motions give the matrix of that form by polarisation.
+Second derivatives are exact: they are the changes of the joint forces of lambda and w along the motions.
 """
 
 from __future__ import annotations
@@ -18,12 +17,14 @@ import pinocchio as pin
 
 from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.closures import closure_drift
-from framework.kinematics.frames import FrameStack, frame_motions, frames_at
+from framework.kinematics.external_wrenches import applied_wrench, wrench_slope
+from framework.kinematics.frame_variations import loop_force_changes
+from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, IntArray
 from framework.numerics.ordered_sums import matmul, matvec, solve
 
@@ -116,7 +117,7 @@ def tangent_stiffness(
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
     gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
-    curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
+    curvature = _curvature(robot, linearised, steps, multipliers, load)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
 
 
@@ -127,20 +128,25 @@ def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
     return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 
-def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:
-    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation.
+def _curvature(
+    robot: ParallelRobot, linearised: LinearisedLoops, steps: Array, multipliers: Array, load: Load
+) -> Array:
+    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p), with w under the load's share.
 
-    The bilinear form of the quadratic form D of `_drift` is B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
+    It is the symmetric part of steps' d(J' lambda + X' w)/dq steps at constant lambda and w, with the
+    Jacobians J of c and X of x. Coordinates x that are joints have no curvature.
     """
-    i, j = np.triu_indices(steps.shape[2])  # each pair of steps once, with i <= j
-    sums = np.zeros((len(steps), len(i), robot.nv))
-    sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
-    drift = _drift(robot, frames, sums, multipliers, w)
-    diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4 of each step
-    curvature = np.zeros((len(steps), steps.shape[2], steps.shape[2]))
-    curvature[:, i, j] = 0.5 * (drift - diagonal[:, i] - diagonal[:, j])
-    curvature[:, j, i] = curvature[:, i, j]
-    return curvature
+    frames, platform = linearised.frames, robot.platform
+    motions = np.zeros((len(steps), steps.shape[2], robot.nv))
+    motions[:, :, moving_columns(robot)] = steps.swapaxes(1, 2)
+    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
+    changes = loop_force_changes(robot, robot.loops, frames, wrenches, multipliers, motions)
+    if isinstance(platform, FramePlatform):
+        at_origin = load.share[:, None] * (load.w @ platform.units)  # (T, 6) on base axes
+        applied = applied_wrench(robot, frames, robot.description.platform.frame, at_origin)
+        changes += matmul(motions, wrench_slope(robot, frames.screws, applied).swapaxes(1, 2))
+    curvature = matmul(changes, motions.swapaxes(1, 2))
+    return 0.5 * (curvature + curvature.swapaxes(1, 2))
 
 
 def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
@@ -165,16 +171,3 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
     by_share = load.preload + weight - wrench
     return springs - load.preload + load.share[:, None] * by_share, by_share
-
-
-def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute v' (lambda . d2c/dq2 + w . d2x/dq2) v (T, p) at rates v (T, p, nv).
-
-    The drift of an equation is its second time derivative at zero joint accelerations. The result is the
-    drift of the loop equations c times lambda, plus the drift of the platform x times w.
-    """
-    repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))  # each configuration p times
-    motions = frame_motions(robot, repeated, v.reshape(-1, v.shape[2]))
-    loops = closure_drift(robot.loops, motions).reshape(*v.shape[:2], -1)
-    platform = robot.platform.drift(motions).reshape(*v.shape[:2], -1)
-    return matvec(loops, multipliers) + matvec(platform, w)
