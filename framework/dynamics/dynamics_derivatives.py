@@ -22,6 +22,7 @@ import numpy as np
 
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.forces import (
+    balanced_forces,
     force_changes,
     least_motor_torques,
     loop_multipliers,
@@ -96,13 +97,15 @@ def dynamics_derivatives(
     changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, dx, ddx))
     motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
+
     r = tree_forces(robot, motion)
-    joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
+    joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     force_change = force_changes(robot, motion, multipliers, changes).swapaxes(2, 3)
     wrench_slopes = motions @ force_change  # (3, T, n, k), T' d(r - J' lambda)
-    accelerations = changes.accelerations[..., robot.actuated]
+
     # slopes (3, T, n_a, k) of the torques by x, dx and ddx, beginning with those of the rotors
+    accelerations = changes.accelerations[..., robot.actuated]
     slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
         # dt = dG k + G dk, where G' G dk = T' d(r - J' lambda) - G' dG k; only x changes G
@@ -110,11 +113,10 @@ def dynamics_derivatives(
         slopes[0, ..., : robot.n] += dG_k
         wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
     slopes += least_motor_torques(robot, speeds, wrench_slopes)
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+
+    torque_x, torque_dx, torque_ddx = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
-    return DynamicsDerivatives(
-        torque, torque_x=slopes[0], torque_dx=slopes[1], torque_ddx=slopes[2], _robot=robot, _motion=motion
-    )
+    return DynamicsDerivatives(torque, torque_x, torque_dx, torque_ddx, _robot=robot, _motion=motion)
 
 
 def _redundant_torque_changes(

@@ -37,7 +37,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import scaled_loops
-from framework.kinematics.motion_changes import coordinate_changes
+from framework.kinematics.motion_changes import MotionChanges, coordinate_changes
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
@@ -172,59 +172,60 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion = instant._motion
-    wrenches_on_motion = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
-    motion = motion.with_wrenches(tuple(wrenches_on_motion))
-    rates = platform_rates_of(robot, motion)  # x, dx, ddx
+    applied = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    motion = motion.with_wrenches(tuple(applied))
+    rates = platform_rates_of(robot, motion)
     others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
     changes = coordinate_changes(robot, motion, others, rates)
     force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-
     d = robot.n + robot.n_e
-    slopes = _coordinate_slopes(robot, changes.q, force_change, d)
-    motor_slopes = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
-    ends = [d, 2 * d]  # columns are derivatives by y up to d, by dy up to 2 d, then by torque
+    slopes = _acceleration_slopes(robot, changes, force_change, d)
+    motor_slopes = _motor_slopes(robot, changes, slopes, d)
+    _x, _dx, ddx = rates
     fields = (  # in the order of ForwardDerivatives, for all T states
-        np.concatenate([rates[2], motion.a[:, robot.elastic]], axis=1),
-        *np.split(slopes[:, :d], ends, axis=2),  # without idle joints
+        np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1),
+        *(slope[:, :d] for slope in slopes),  # without idle joints
         motion.a[:, robot.actuated],
-        *np.split(motor_slopes, ends, axis=2),
+        *motor_slopes,
     )
     entry = entry_of(q)
     return ForwardDerivatives(*(stack[entry] for stack in fields))
 
 
-def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array, d: int) -> Array:
-    """Compute the derivatives (T, k, 2 d + n_a) of k accelerations by y, dy and torque.
+def _acceleration_slopes(
+    robot: ParallelRobot, changes: MotionChanges, force_change: Array, d: int
+) -> list[Array]:
+    """Compute the derivatives (T, k, d or n_a) of k accelerations by y, dy and torque.
 
     The k accelerations are y" and those of the idle joints.
 
     Args:
-        motions: T' (T, k, nv), the joint rates for unit rates of y and of idle joints.
-        force_change: (3, T, k, nv) changes of the generalised forces by unit steps of y, dy and y".
+        changes: by unit steps of y and of the idle joints.
+        force_change: changes (3, T, k, nv) of the generalised forces by unit steps of k positions, rates and
+            accelerations.
         d: number of coordinates y.
     """
-    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # each (T, k, k)
+    motions = changes.q  # (T, k, nv) joint rates for unit rates
+    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
     by_torque = robot.gear_ratio * motions[..., robot.actuated]
-    right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
-    return np.linalg.solve(inertia, right_side)
+    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)
+    return [np.linalg.solve(inertia, right_side) for right_side in right_sides]
 
 
-def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
-    """Compute the derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
+def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Array], d: int) -> list[Array]:
+    """Compute the derivatives (T, n_a, d or n_a) of motor accelerations by y, dy and torque.
 
     By the chain rule they are the partial derivatives by y and dy, plus the partial derivatives by y" times
-    the derivatives of y".
+    the derivatives `slopes` of y".
 
     Args:
-        changes: (3, T, k, n_a) partial derivatives by the k entries of y, dy and y".
-        slopes: (T, k, 2 d + n_a) derivatives of y" by y, dy and torque.
-        d: number of coordinates y.
+        changes, d: as for `_acceleration_slopes`, which returns `slopes`.
     """
-    by_y, by_dy, by_ddy = changes.swapaxes(2, 3)
-    motor = by_ddy @ slopes
-    motor[..., :d] += by_y[..., :d]
-    motor[..., d : 2 * d] += by_dy[..., :d]
-    return motor
+    by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
+    motor_slopes = [by_ddy @ slope for slope in slopes]
+    motor_slopes[0] += by_y[..., :d]
+    motor_slopes[1] += by_dy[..., :d]
+    return motor_slopes
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
