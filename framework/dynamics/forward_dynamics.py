@@ -172,24 +172,23 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion = instant._motion
-    applied = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
-    motion = motion.with_wrenches(tuple(applied))
-    rates = platform_rates_of(robot, motion)
+    motion = motion.with_wrenches(
+        tuple(wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    )
+    x, dx, ddx = platform_rates_of(robot, motion)
     others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
-    changes = coordinate_changes(robot, motion, others, rates)
+    changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
     force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
     d = robot.n + robot.n_e
     slopes = _acceleration_slopes(robot, changes, force_change, d)
     motor_slopes = _motor_slopes(robot, changes, slopes, d)
-    _x, _dx, ddx = rates
     fields = (  # in the order of ForwardDerivatives, for all T states
         np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1),
         *(slope[:, :d] for slope in slopes),  # without idle joints
         motion.a[:, robot.actuated],
         *motor_slopes,
     )
-    entry = entry_of(q)
-    return ForwardDerivatives(*(stack[entry] for stack in fields))
+    return ForwardDerivatives(*(stack[entry_of(q)] for stack in fields))
 
 
 def _acceleration_slopes(

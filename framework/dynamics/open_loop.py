@@ -90,8 +90,8 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     robot = result.robot
     x, dx, ddx = (result.platform(times, order) for order in range(3))
     motion = result.motion(times)
-    rotor_torque = (robot.rotors * motion.a)[:, robot.actuated]  # joint side
-    joint_torque = robot.gear_ratio * result.torque_without_friction(times) - rotor_torque
+    joint_torque = robot.gear_ratio * result.torque_without_friction(times)
+    joint_torque -= (robot.rotors * motion.a)[:, robot.actuated]
     changes = coordinate_changes(robot, motion, robot.structure.idle, (x, dx, ddx))
     force_change = driven_force_changes(robot, motion, joint_torque, changes)[:, :, : robot.n]
 
