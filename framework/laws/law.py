@@ -22,17 +22,17 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
-# [s] The fourth powers of these and their inverses stay far from overflow.
-MIN_DURATION, MAX_DURATION = 1e-30, 1e30
+LARGEST = 1e30  # duration [s] or coordinate [m, rad]; fourth powers of it and of its inverse do not overflow
 SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
 
 
 def check_duration(duration: float) -> None:
-    """Raise InvalidInput unless a duration is a number in [MIN_DURATION, MAX_DURATION] s."""
+    """Raise InvalidInput unless a duration is a number in [1 / LARGEST, LARGEST] s."""
     if not (is_number(duration) and duration > 0):
         raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
-    if not MIN_DURATION <= duration <= MAX_DURATION:
-        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
+    shortest = 1.0 / LARGEST
+    if not shortest <= duration <= LARGEST:
+        raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST:g}] s, got {duration!r}")
 
 
 def is_number(value: object) -> bool:
@@ -46,7 +46,11 @@ def is_number(value: object) -> bool:
 
 
 def normalise_time(t: ArrayLike, duration: float) -> Array:
-    """Return 2 t / duration - 1 in [-1, 1], with the shape of t; refuse t outside [0, duration]."""
+    """Return the normalised time x = 2 t / duration - 1 in [-1, 1], with the shape of t.
+
+    Raises:
+        InvalidInput: t is not finite, or outside [0, duration].
+    """
     x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
     if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
@@ -56,7 +60,8 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
 class MotionLaw(Protocol):
     """Any object with a `duration` [s] and a call `law(t, order)`.
 
-    The call returns s in [0, 1], or its time derivative of this order, with the shape (T,) of t.
+    The call returns the path coordinate s in [0, 1], or its time derivative of this order, with the shape
+    (T,) of t.
     """
 
     @property
@@ -70,9 +75,9 @@ class ExactLaw(ABC):
 
     @property
     def edges(self) -> Array:
-        """Panel edges (k,) [s], ends included; some thirty points resolve the law on each panel.
+        """Panel edges (k,) [s], ends included; empty for a law that needs no panels.
 
-        Empty for a law that needs no panels.
+        Some thirty Chebyshev points resolve the law on each panel.
         """
         return np.empty(0)
 
@@ -106,6 +111,9 @@ class PlannedLaw(ExactLaw):
 
         The factors of s' that vanish at both ends are divided out first. The result is positive for a
         monotone law.
+
+        Args:
+            smoothness: number of derivatives of s that vanish at both ends.
         """
 
     @abstractmethod
@@ -155,7 +163,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return conditions that set s and its derivatives to `values` (k, m) at times (k,)."""
+    """Return conditions that set s and its derivatives to `values` (k, m) [1/s^order] at times (k,) [s]."""
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)
@@ -189,16 +197,15 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
 
     def _series(self, order: int) -> Array:
-        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""
+        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative of s."""
         scale = (2.0 / self.duration) ** order
         return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the polynomial law of least degree that meets k conditions.
+        """Solve for the polynomial law of degree k - 1 that meets k conditions.
 
-        The degree is k - 1. The Chebyshev coefficients solve one linear equation per condition, in normalised
-        time.
+        The Chebyshev coefficients solve one linear equation per condition, in normalised time.
 
         Raises:
             InvalidInput: the duration is not positive; a condition is not finite or lies outside
