@@ -98,8 +98,8 @@ def dynamics_derivatives(
     joint_torque = joint_forces(robot, motion).joint_torque
 
     # slopes (3, T, n_a, k) of the torques by x, dx and ddx: those of the rotors and, if redundant, dG k
-    rotor_scale = robot.rotor_inertia * robot.gear_ratio
-    slopes = (rotor_scale * changes.accelerations[..., robot.actuated]).swapaxes(2, 3)
+    accelerations = changes.accelerations[..., robot.actuated]
+    slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
         slopes[0, ..., : robot.n] += _redundant_torque_changes(
             robot, motion, prescribed.x, speeds, joint_torque
@@ -108,9 +108,15 @@ def dynamics_derivatives(
     force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
     slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
 
-    torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
-    by_x_dx_ddx = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
-    return DynamicsDerivatives(torque, *by_x_dx_ddx, _robot=robot, _motion=motion)
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+    return DynamicsDerivatives(
+        torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
+        torque_x=slopes[0],
+        torque_dx=slopes[1],
+        torque_ddx=slopes[2],
+        _robot=robot,
+        _motion=motion,
+    )
 
 
 def _redundant_torque_changes(

@@ -21,7 +21,7 @@ dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -45,7 +45,20 @@ class Forces(NamedTuple):
     spring_force: Array  # (T, n_e) force -K q_e of the springs on the elastic coordinates
 
 
-def tree_forces(robot: ParallelRobot, motion: Motion) -> Array:
+class JointMotion(Protocol):
+    """The part of a motion on which forces of the open tree depend; motions of other classes have it too."""
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def a(self) -> Array: ...
+    @property
+    def wrenches(self) -> tuple[AppliedWrench, ...]: ...
+
+
+def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less external wrenches.
 
     They include gravity, armature, and springs and damping of the joints. For a robot without
@@ -78,7 +91,7 @@ def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Ar
     return forces
 
 
-def inertial_forces(robot: ParallelRobot, motion: Motion) -> Array:
+def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
     It is linear in accelerations and quadratic in rates. A difference of `tree_forces` with and without
@@ -87,14 +100,14 @@ def inertial_forces(robot: ParallelRobot, motion: Motion) -> Array:
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
-def _inertial_motion(robot: ParallelRobot, motion: Motion) -> Motion:
+def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
     """Return the motion that causes inertial forces: without `elastic_inertia`, deflections are constant."""
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
 
 
-def _rnea(robot: ParallelRobot, model: pin.Model, motion: Motion) -> Array:
+def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
 
     Args:

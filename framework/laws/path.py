@@ -33,7 +33,7 @@ GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 are spread evenl
 
 
 class Path(Protocol):
-    """Any object with `n` coordinates, `knots` and a call `path(s, order)`."""
+    """Any object with `n` coordinates, `knots` (k,) inside (0, 1) and a call `path(s, order)`."""
 
     @property
     def n(self) -> int: ...
@@ -50,7 +50,7 @@ def expect_path(path: object) -> None:
 
 
 def _check_points(points: Any, least: int, kind: str) -> Array:
-    """Return points (m, n) as a read-only array.
+    """Return points (m, n) as an array.
 
     Args:
         least: least number m of points.
@@ -71,13 +71,7 @@ def _check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
-    return read_only(array)
-
-
-def _set_fields(frozen: object, **values: Any) -> None:
-    """Set checked or derived attributes of a frozen object, which refuses plain assignment."""
-    for name, value in values.items():
-        object.__setattr__(frozen, name, value)
+    return array
 
 
 class PointPath(ReadOnlyArrays):
@@ -87,8 +81,14 @@ class PointPath(ReadOnlyArrays):
     points: Any
     blend: Any = None  # only a polyline has one
 
+    def _store(self, **values: Any) -> None:
+        """Set checked or derived fields; a frozen object refuses plain assignment."""
+        self.__dict__.update(values)
+        ReadOnlyArrays.__post_init__(self)
+
     @property
     def n(self) -> int:
+        """The number of coordinates."""
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
@@ -131,7 +131,7 @@ class Line(PointPath):
 
     def __post_init__(self) -> None:
         points = _check_points([self.start, self.end], 2, "line")
-        _set_fields(self, start=points[0], end=points[1], points=points)
+        self._store(start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or a derivative in s, (T, n)."""
@@ -180,16 +180,15 @@ class Arc(PointPath):
         along_u, along_w = spokes @ (points[1:] - center).T  # (2,) each
         angle_via, angle_end = (np.arctan2(along_w, along_u) % (2 * np.pi)).tolist()
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
-        _set_fields(
-            self,
+        self._store(
             start=start,
             via=via,
             end=end,
             points=points,
-            center=read_only(center),
+            center=center,
             radius=radius,
             angle=angle,
-            _spokes=read_only(spokes),
+            _spokes=spokes,
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
@@ -208,9 +207,9 @@ def _circle_center(points: Array) -> Array:
     """
     start = points[0]
     chords = points[1:] - start
-    shorter, longer = chords
-    along = (longer @ shorter) / (shorter @ shorter) * shorter
-    if np.linalg.norm(longer - along) <= DEGENERATE_PATH * np.linalg.norm(longer):
+    to_via, to_end = chords
+    along = (to_end @ to_via) / (to_via @ to_via) * to_via  # the part of to_end along to_via
+    if np.linalg.norm(to_end - along) <= DEGENERATE_PATH * np.linalg.norm(to_end):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
     return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
 
@@ -232,7 +231,7 @@ class Spline(PointPath):
         return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
-        """Check the distances between points; compute s at the points, and the inner knots.
+        """Check the distances between points; compute s at the points, and the inner knots in s.
 
         By the not-a-knot condition neither the ends nor the two points next to each end are inner knots. The
         knots are computed here because scipy 1.13 does so for odd degrees only.
@@ -240,7 +239,7 @@ class Spline(PointPath):
         points = _check_points(self.points, 2, "spline")
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
-            k = np.argmin(chords)
+            k = np.argmin(chords)  # the shortest chord
             raise InvalidInput(
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
                 f"uneven to tell their places on the curve"
@@ -248,8 +247,8 @@ class Spline(PointPath):
         shares = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
         shares[-1] = 1.0
         left_out = 3  # values of s at each end that are no inner knots
-        knots = read_only(shares[left_out:-left_out])
-        _set_fields(self, points=points, knots=knots, _shares=read_only(shares))
+        knots = shares[left_out:-left_out]
+        self._store(points=points, knots=knots, _shares=shares)
 
     @cached_property
     def _spline(self) -> Any:
@@ -303,16 +302,16 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
-        longest = 0.5 * lengths.min()
+        longest = 0.5 * lengths.min()  # blend
         if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
                 f"polyline: blend must be from {SMALLEST_BLEND * longest:.2g} to {longest:.6g}, half of the "
                 f"shortest segment, got {self.blend!r}"
             )
         blend = min(float(self.blend), longest)
-        back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
-        if back.any():
-            corner = np.argmax(back) + 1
+        turns_back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
+        if turns_back.any():
+            corner = np.argmax(turns_back) + 1
             raise InvalidInput(
                 f"polyline: at point {corner}, {points[corner].tolist()}, it turns straight back: no smooth "
                 f"path does; stop there, and plan two motions"
@@ -320,13 +319,12 @@ class Polyline(PointPath):
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
         blend_ends = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         knots = np.unique(np.round(blend_ends, 14))  # merges the ends of two blends that meet
-        _set_fields(
-            self,
+        self._store(
             points=points,
             blend=blend,
-            knots=read_only(knots),
-            _arc_lengths=read_only(arc_lengths),
-            _directions=read_only(directions),
+            knots=knots,
+            _arc_lengths=arc_lengths,
+            _directions=directions,
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
