@@ -46,7 +46,7 @@ class Forces(NamedTuple):
 
 
 class JointMotion(Protocol):
-    """The part of a motion on which forces of the open tree depend; motions of other classes have it too."""
+    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints; external wrenches."""
 
     @property
     def q(self) -> Array: ...

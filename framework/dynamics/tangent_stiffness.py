@@ -42,7 +42,10 @@ class Load(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """The distance of T configurations from balance. Steps are in radians and robot lengths."""
+    """The distance of T configurations from balance.
+
+    Steps and loop equations are in radians and robot lengths; f joints move with locked motors.
+    """
 
     gap: Array  # (T,) largest residual of a loop equation
     closing: Array  # (T, f) the shortest step that closes the loops, to first order
@@ -73,9 +76,8 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """Compute the distance from balance of configurations q (T, nq), with loops open or closed.
 
-    With the QR factorisation J' = Q R, the shortest step that closes the loops is -Q R'^-1 residual. The
-    stiffness is computed along the steps [Z, closing]: its last column is the change of the slope by the
-    closing step.
+    With the Jacobian J of the loop equations and the QR factorisation J' = Q R, the shortest step that closes
+    the loops is -Q R'^-1 residual.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
@@ -84,9 +86,11 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)  # of the loop equations
     Q, R, null = factor_transposed(J)
     closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
+
+    # along the steps [Z, closing]: the last column is the change of the slope by the closing step
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    forces, load_forces = _forces(robot, linearised, q, load)
     stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
+    forces, load_forces = _forces(robot, linearised, q, load)
     null_rows = null.swapaxes(1, 2)
     return Balance(
         gap=np.abs(residual).max(axis=1, initial=0.0),
@@ -131,10 +135,15 @@ def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
 def _curvature(
     robot: ParallelRobot, linearised: LinearisedLoops, steps: Array, multipliers: Array, load: Load
 ) -> Array:
-    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p), with w under the load's share.
+    """Compute the curvature lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p).
 
     It is the symmetric part of steps' d(J' lambda + X' w)/dq steps at constant lambda and w, with the
-    Jacobians J of c and X of x. Coordinates x that are joints have no curvature.
+    Jacobians J of the loop equations c and X of the platform coordinates x. Coordinates x that are joints
+    have no curvature.
+
+    Args:
+        multipliers: lambda (T, m).
+        load: the wrench w and its share.
     """
     frames, platform = linearised.frames, robot.platform
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
@@ -163,7 +172,8 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
     """Compute the forces dV/dq - w . dx/dq (T, nv) under the load's share, and the derivative by the share.
 
-    They are springs - preload + share (preload + weight - wrench).
+    They are springs - preload + share (preload + weight - wrench), so that the preload vanishes under the
+    whole load.
     """
     data = scratch_of(robot).data
     springs = spring_torques(robot, q, robot.all_stiffness)

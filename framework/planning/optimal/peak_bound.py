@@ -94,7 +94,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """Multipliers on the cells of a series, with the bound that they prove."""
+    """Multipliers on the cells of a series, with the bound of all laws."""
 
     series: PathSeries
     multipliers: Multipliers
@@ -107,7 +107,7 @@ class _Proof(NamedTuple):
 
 
 def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | None:
-    """Compute the bound of all laws, with the multipliers that prove it; None if no bound is known.
+    """Compute a bound of all laws with its multipliers; None if no bound is known.
 
     p = x_0, and `across` is the sum of x_i e_i over i > 0, with the directions e_i of the series.
 
