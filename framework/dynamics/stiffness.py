@@ -53,8 +53,12 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
-SHIFTS = (1.0, 1e3, 1e6)  # sigma of H + sigma S over tr H / tr S; indefinite H under load need larger ones
-MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of eigenvalues of H divided by the largest one
+SHIFTS = (
+    1.0,
+    1e3,
+    1e6,
+)  # sigma of H + sigma S over tr H / tr S; an indefinite H under load needs a larger one
+MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, over the largest one
 
 
 class CompliantMotions(NamedTuple):
@@ -99,7 +103,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 
 
 def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN without one.
+    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN if there is none.
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
@@ -109,7 +113,7 @@ def least_ratios(H: Array, S: Array) -> Array:
     least = np.full(len(H), np.nan)
     size_H = np.abs(np.trace(H, axis1=1, axis2=2))
     size_S = np.trace(S, axis1=1, axis2=2)
-    for factor in SHIFTS:
+    for factor in SHIFTS:  # until H + sigma S is positive definite
         unsolved = np.flatnonzero(np.isnan(least) & (size_S > 0))
         if not len(unsolved):
             break
@@ -187,14 +191,15 @@ def platform_stiffness(
     expect_robot(robot)
     if wrench is not None and not loaded:
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
-    closed, load = assembled_at(robot, q), None
+    closed = assembled_at(robot, q)
     if loaded:
-        q, load = _find_equilibrium(robot, closed.q[0], wrench)
-        closed = assembled_at(robot, q)
-    free = compliant_motions(robot, closed.linearised, closed.q)
+        deflected, load = _find_equilibrium(robot, closed.q[0], wrench)
+        closed = assembled_at(robot, deflected)
+    free = compliant_motions(robot, closed.linearised, closed.q)  # T = 1
     H = free.K[0]
-    if load is not None:
+    if loaded:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
+
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
@@ -217,15 +222,19 @@ def platform_stiffness(
 
 
 def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
-    """Minimise V - w . x subject to c = 0 from q (nq,); return the equilibrium and the load.
+    """Minimise V - w . x subject to c = 0 from q (nq,); return the equilibrium (nq,) and the load.
 
     Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
     where the robot buckles. If the robot snaps through, the result is the equilibrium beyond.
+
+    Raises:
+        InvalidInput: the wrench has no potential.
+        NotConverged: there is no equilibrium near q, or only one with deflections beyond MAX_DEFLECTION.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.nv)))
-    size = np.inf
+    load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
+    size = np.inf  # [rad, robot lengths] largest entry of the last step
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)
         if size < NEWTON_STEP:
@@ -234,9 +243,9 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
             break
         values, vectors = np.linalg.eigh(state.H[0])
         sizes = np.abs(values)
-        steepness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
-        along = vectors @ (vectors.T @ state.slope[0] / steepness)  # (d,) on the null space of the loops
-        step = state.closing[0] - state.null[0] @ along
+        stiffness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        uphill = vectors @ (vectors.T @ state.slope[0] / stiffness)  # (d,) on the null space of the loops
+        step = state.closing[0] - state.null[0] @ uphill
         size = np.abs(step).max()
         if not np.isfinite(size):
             break
@@ -263,6 +272,9 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
 
     v' K_x v = min { dz' H dz : X dz = v }. With a right inverse R and the null space N of X, dz = R v + N y,
     and the minimum over y is K_x = R' (H - H N (N' H N)^-1 N' H) R.
+
+    Raises:
+        InvalidInput: the springs leave the platform rigid along some direction.
     """
     scale = robot.platform_scale
     U, values, V_rows = np.linalg.svd(X / scale[:, None])
@@ -285,7 +297,7 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
 
     Entry (i, j) is infinite if a direction without stiffness moves both axes i and j.
     """
-    scales = np.outer(robot.platform_scale, robot.platform_scale)
+    scales = np.outer(robot.platform_scale, robot.platform_scale)  # convert K to moments over angles
     values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
     compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
