@@ -41,23 +41,23 @@ from framework.numerics.chebyshev import TimeFunction, nodes
 from framework.tolerances import NEWTON_STEP
 
 HIGHEST_SMOOTHNESS = 6  # above it z grows so much towards the ends that it loses its digits
-# samples of s' along the path; least swing of s' over its largest value that counts
+# number of samples of s' in which turns are counted; least swing of s', over its largest value, that counts
 TURN_SAMPLES, MIN_SWING = 4001, 1e-3
-DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
+DEGREES_PER_PANEL = 3  # a law with one polynomial z of degree d has d / 3 panels in time
 DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given with its squared speed
 
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order.
+    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^smoothness.
 
-    phi is the regularised incomplete beta function with both parameters equal to order + 1.
+    phi is the regularised incomplete beta function with both parameters equal to smoothness + 1.
     """
 
-    order: int
+    smoothness: int
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate phi or a derivative, with the shape of sigma.
+        """Evaluate phi or its derivative of an order, with the shape of sigma.
 
         Derivatives are polynomials in the distance to the nearer end, which is accurate near both ends. phi'
         is symmetric about 1/2, so beyond 1/2 derivatives of even order have the opposite sign.
@@ -66,23 +66,23 @@ class Smoothstep:
         if order == 0:
             from scipy.special import betainc  # slow to import, and not all plans need it
 
-            return betainc(self.order + 1, self.order + 1, sigma)
+            return betainc(self.smoothness + 1, self.smoothness + 1, sigma)
         end_distance = np.minimum(sigma, 1.0 - sigma)
-        value = polynomial.polyval(end_distance, _slope_powers(self.order, order))
+        value = polynomial.polyval(end_distance, _slope_powers(self.smoothness, order))
         return np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value)
 
     def inverse(self, s: ArrayLike) -> Array:
-        """Solve phi(sigma) = s for sigma."""
+        """Solve phi(sigma) = s for sigma, with the shape of s."""
         from scipy.special import betaincinv
 
-        return betaincinv(self.order + 1, self.order + 1, s)
+        return betaincinv(self.smoothness + 1, self.smoothness + 1, s)
 
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Return the power series in sigma of a derivative of phi, order >= 1.
+    """Return the coefficients (k,) of the powers of sigma in a derivative of phi of order >= 1.
 
-    phi' is b(sigma) over the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
+    phi' is b(sigma) divided by the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
     """
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
@@ -113,7 +113,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
-        """Check that cells fit, z is positive, and the duration is that of z."""
+        """Check cells, z and the duration; compute the duration unless given."""
         super().__post_init__()
         for name in ("dense_at", "cells"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
@@ -142,18 +142,21 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def phi(self) -> Smoothstep:
+        """The map from sigma to s."""
         return Smoothstep(self.smoothness)
 
     @cached_property
     def stretch(self) -> Stretch:
+        """The map from sigma to xi."""
         return Stretch(self.dense_at)
 
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
         """Time [s] since the start of each panel of sigma, and instants (panels + 1,) [s] of the edges.
 
-        The instant t(sigma) is the integral of dt/d sigma: the instant at which the panel of sigma starts
-        plus the time since then. Both parts are scaled so that the last instant is exactly `duration`.
+        The instant t(sigma) is the integral of dt/d sigma: the instant at which the panel of sigma starts,
+        plus the time since then. With a known duration both parts are scaled so that the last instant is
+        exactly `duration`.
         """
         slowness = slowness_on_panels(self.basis.cells, self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
@@ -272,7 +275,7 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) Chebyshev series of time in x
     panel_duration = np.diff(edge_instants)[panel]
     x = np.clip(2.0 * time / panel_duration - 1.0, -1.0, 1.0)  # first guess: constant speed on the panel
-    for _ in range(12):
+    for _ in range(12):  # more steps than Newton's method needs from there
         residual = time - evaluate_each(x, series)
         slowness = law.squared_speed(start + half_width * (x + 1.0)) ** -0.5  # dt/d sigma
         step = residual / (half_width * slowness)
@@ -320,7 +323,7 @@ class InTime:
     edges: Array
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s, ds/dt, d2s/dt2 at p (T,), and dp/dt = 1, d2p/dt2 = 0."""
+        """Compute [s, ds/dt, d2s/dt2] at p (T,), and dp/dt = 1, d2p/dt2 = 0."""
         return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
 
     def parameter(self, t: Array) -> Array:
@@ -330,7 +333,10 @@ class InTime:
 
 @dataclass(frozen=True, eq=False)
 class OnParameter:
-    """An optimal law with xi(sigma) as its parameter p; `knots` (k,) of the path are values of s."""
+    """An optimal law with xi(sigma) as its parameter p.
+
+    The panels end at the `knots` (k,) of the path, which are values of s.
+    """
 
     law: OptimalLaw
     knots: Array
@@ -341,7 +347,7 @@ class OnParameter:
         return np.concatenate([[-1.0], self.law.stretch(self.law.phi.inverse(self.knots)), [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s, ds/dt, d2s/dt2, and dp/dt, d2p/dt2, at p (T,).
+        """Compute [s, ds/dt, d2s/dt2], and dp/dt, d2p/dt2, at p (T,).
 
         With p = xi(sigma), z = (d sigma/dt)^2, u = z'/2 and primes for d/d sigma, dp/dt = xi' sqrt(z) and
         d2p/dt2 = xi" z + xi' u.

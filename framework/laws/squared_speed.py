@@ -32,24 +32,24 @@ from framework.numerics.chebyshev import (
     evaluate,
     nodes,
 )
-from framework.tolerances import SLOWNESS_ROUNDING
+from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
 
 if TYPE_CHECKING:
     from framework.numerics.cone_program import Affine
 
 SPLINE_DEGREE = 5  # four derivatives of z are continuous; the second one of the torque contains all of them
-ONE_CELL = (-1.0, 1.0)
-PANEL_NODES = 24  # nodes on a panel of t(sigma)
-SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
-MAX_PANELS = 1024
+ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
+PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
+MAX_PANELS = 1024  # of t(sigma)
 STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
 STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
 MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the solution
 MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
-BLEND_DURATION_ERROR = 1e-9  # relative error of the duration that `blend` leaves to `adjust`
 FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
 DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
-MIN_RELATIVE_SIZE = 1e-3  # over the mean: a smaller spline coefficient may change as much as one of this size
+MIN_RELATIVE_SIZE = (
+    1e-3  # of a spline coefficient over the mean; smaller ones may change as if they were as large
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Stretch:
         return read_only(self._evaluate_unscaled(np.array([0.0, 1.0]), 0))
 
     def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before scaling, or a derivative up to order 3.
+        """Evaluate the map before scaling, or its derivative up to order 3.
 
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
         w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
@@ -100,7 +100,7 @@ class Stretch:
         return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma by Newton's method from a table."""
+        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi."""
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
         sigma = np.interp(xi, self(grid), grid)
@@ -198,9 +198,13 @@ def _spline_matrix(knots: Array, degree: int, x: Array) -> Any:
 
 
 def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate Chebyshev series (k, size) on cells (k + 1,) at xi (...), or a derivative.
+    """Evaluate a piecewise function at xi (...), or its derivative by xi of an order, with the shape of xi.
 
     A point on an inner edge belongs to the cell on its right.
+
+    Args:
+        cells: edges (k + 1,) of the cells.
+        series: Chebyshev coefficients (k, size) of the function on each cell.
     """
     xi = np.asarray(xi, dtype=float)
     flat = xi.ravel()  # (T,)
@@ -223,9 +227,13 @@ def evaluate_each(x: Array, series: Array) -> Array:
 def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
-    z is given by Chebyshev series `z_series` (k, size) on `cells` (k + 1,) of xi. A panel is accurate if the
-    truncation error of its time is below a share of the duration, or below the rounding error. An error eps
-    of z changes z^(-1/2) by eps z^(-3/2) / 2, so rounding errors grow where z is nearly zero.
+    A panel is accurate if the truncation error of its time is rounding beside the duration, or below its own
+    rounding error. An error eps of z changes z^(-1/2) by eps z^(-3/2) / 2, so rounding errors grow where z is
+    nearly zero.
+
+    Args:
+        cells: edges (k + 1,) of cells in xi.
+        z_series: Chebyshev coefficients (k, size) of z on each cell.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
@@ -239,6 +247,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
         z = evaluate_on_cells(cells, z_series, stretch(grid.times))
         if not z.min() > 0:
             break
+
         slowness = grid.fit(z[:, None] ** -0.5)
         series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
         duration = series[:, 0] @ widths  # the first coefficient estimates the mean on each panel
@@ -246,7 +255,8 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
         truncation = last_coefficients * widths  # (panels,) errors of time [s]
         least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
         rounding = 0.5 * z_rounding * least_z**-1.5 * widths  # (panels,) [s]
-        is_coarse = truncation > np.maximum(SLOWNESS_TAIL * duration, rounding)
+
+        is_coarse = truncation > np.maximum(COEFFICIENT_ROUNDING * duration, rounding)
         if not is_coarse.any():
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
@@ -257,7 +267,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
 
 
 class SpeedSpace(NamedTuple):
-    """The squared speeds z(xi(sigma)) that a basis represents."""
+    """The squared speeds z(xi(sigma)) that a basis represents, by their coefficients y (size,) [1/s^2]."""
 
     basis: SpeedBasis
     stretch: Stretch
@@ -280,7 +290,7 @@ class SpeedSpace(NamedTuple):
             values, weights = self._quadrature(y)
             z = values @ y
             excess = weights @ z**-0.5 - duration
-            if excess <= BLEND_DURATION_ERROR * duration:
+            if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
                 break
             decrease = 0.5 * weights @ (z**-1.5 * (values @ direction))  # of the duration per unit of share
             share += excess / decrease
@@ -290,13 +300,14 @@ class SpeedSpace(NamedTuple):
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
-        """Compute the coefficients (size,) near y that meet the equalities and duration [s].
+        """Compute the coefficients (size,) near y that meet equalities and a duration [s].
 
         Newton's method solves the equations. Of all steps with A step = -values, the linearised equations, it
         takes the one of least cost step' W step, see `_inverse_weights`. This is the step
         -W^-1 A' (A W^-1 A')^-1 values.
 
         Args:
+            equalities: affine functions (c,) of the coefficients that must vanish.
             duration: required duration [s]; None leaves the duration free.
             relative: whether changes of z are measured relative to the z of `y`, so that z changes little
                 where it is nearly zero. Changes of splines are always relative.
@@ -308,7 +319,7 @@ class SpeedSpace(NamedTuple):
         for _ in range(MAX_ADJUSTMENT_STEPS):
             slopes, values = self._linearise(y, equalities, duration)
             norms = np.linalg.norm(slopes, axis=1)
-            norms[norms == 0] = 1.0  # of an equality that depends on no coefficient
+            norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
             directions = inverse_weights @ A.T  # (size, c)
             step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
@@ -337,8 +348,9 @@ class SpeedSpace(NamedTuple):
         """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
 
         Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
-        polynomial W is diagonal and grows with the degree. If changes are relative to z, step' W step is the
-        mean of (change of z / z)^2, times the squared mean of z, plus a term that grows with the degree.
+        polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative` to z,
+        step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that grows
+        with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
@@ -354,8 +366,7 @@ class SpeedSpace(NamedTuple):
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
         """Return basis values (P, size) and weights (P,) of a quadrature over sigma.
 
-        Gauss-Legendre points on the panels that resolve z^(-1/2), for the z of coefficients y, make the
-        integral of z^(-1/2) accurate.
+        Its P Gauss-Legendre points are on the panels that resolve z^(-1/2) for the z of coefficients y.
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)
