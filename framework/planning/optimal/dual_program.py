@@ -47,12 +47,14 @@ from framework.numerics.cone_program import (
 )
 from framework.planning.optimal.path_series import PathSeries
 
-MULTIPLIER_DEGREE = 2  # of x: degree 1 errs by the width of the cells in the factor, degree 2 by its square
+MULTIPLIER_DEGREE = (
+    2  # of x; degree 1 would err by the width of the cells in the factor, degree 2 by its square
+)
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
-HALVINGS = 2  # of cells on which |nu| is integrated
+HALVINGS = 2  # of each cell, for the bound of the integral of |nu|
 SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
-MAX_NEWTON_STEPS = 20
-SOLVER_ERROR = 1e-7  # of rows of the program
+MAX_NEWTON_STEPS = 20  # to the minimiser of a cost
+SOLVER_ERROR = 1e-7  # by which a solution may violate the rows of the program
 # degree elevation to SIZE Bernstein coefficients: of a series, of a line, of the slope of x
 _ELEVATED_SERIES, _ELEVATED_LINE = elevation_matrix(DEGREE, SIZE - 1), elevation_matrix(1, SIZE - 1)
 _ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
@@ -61,9 +63,11 @@ _ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
 class Multipliers(NamedTuple):
     """Multipliers on k cells: functions in Bernstein form, and lambda.
 
-    x: (k, MULTIPLIER_DEGREE + 1, m) coefficients of x_i in nu = sum of x_i v_i.
-    mu: (k, n), constant on each cell.
-    minorant: (k, 2) values at both ends of each cell; this line, shifted by a constant, is below the factor.
+    x: coefficients (k, MULTIPLIER_DEGREE + 1, m) of x_i in nu = sum of x_i v_i.
+    mu: multipliers (k, n) of the speed limits, constant on each cell.
+    minorant: values (k, 2) at both ends of each cell of a line that, shifted by a constant, is below the
+        factor.
+    lam: lambda.
     """
 
     x: Array
@@ -75,8 +79,9 @@ class Multipliers(NamedTuple):
 class Evidence(NamedTuple):
     """The bound that multipliers prove.
 
-    lacking: (k,) how far below zero the factor may be on each cell; the bound is proved if all are 0.
-    shares: (k,) of each cell in the integral of |nu|_1.
+    value: the bound of the peak over the reference, or of the duration [s].
+    lacking: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
+    shares: shares (k,) of the cells in the integral of |nu|_1.
     """
 
     value: float
@@ -99,17 +104,19 @@ class DualProgram:
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
         """Compute the bound that multipliers prove.
 
+        With a lower bound `total` of the right side of the header's inequality,
         P integral of |nu|_1 + lambda T >= total gives P >= (total - lambda longest) / integral of |nu|_1, or
         T >= (total - integral of |nu|_1) / lambda.
         """
         width = self.series.width
-        # a line below the factor, by its values (k, 2) at both ends of each cell
+        # a line below the factor: its values (k, 2) at both ends of each cell
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
         terms = self._bound_terms(multipliers, least_factor)
         norm = self._bound_norm(multipliers.x)
         total_norm = width @ norm  # the integral of |nu|_1
         rounding = SUM_ROUNDING * ((np.abs(terms) @ width).sum() + total_norm)
         total = (terms @ width).sum() - rounding
+
         if self.timed:
             value = (total - total_norm) / multipliers.lam
         else:
@@ -119,15 +126,17 @@ class DualProgram:
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
         """Bound the means (3, k) of nu . c, -mu and C(factor, nu . d) on each cell from below.
 
-        C is concave in the factor. Along a line below the factor, the mean of C is therefore at least the
-        mean of its values at both ends.
+        C is concave in the factor. Along a line below the factor, the mean of C on a cell is therefore at
+        least the mean of its values at both ends.
 
         Args:
             least_factor: (k, 2) values of the line at both ends of each cell.
         """
-        least_damping = _bound_sum(self.series.damping, multipliers.x).least
+        damping, damping_error = _sum_products(self.series.damping, multipliers.x)
+        least_damping = damping.min(axis=1) - damping_error
         end_costs = _bound_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
-        mean_constant = _bound_sum(self.series.constant, multipliers.x).mean
+        constant, constant_error = _sum_products(self.series.constant, multipliers.x)
+        mean_constant = constant.mean(axis=1) - constant_error
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
@@ -145,11 +154,11 @@ class DualProgram:
         series = self.series
         x, mu, minorant, _ = multipliers
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
-        speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)
-        distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
+        speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)  # mu . k
+        distance, error = _sum_products(series.per_z, x)  # nu . cz
+        distance -= p_slope @ _ELEVATED_SLOPE.T
         distance += speed_terms @ _ELEVATED_SERIES.T
         distance -= minorant @ _ELEVATED_LINE.T
-        error = (np.abs(x).max(axis=1) * series.per_z.error).sum(axis=1)
         return distance.min(axis=1) - error - (mu * series.squared_speed.error).sum(axis=1)
 
     # ------------------------------------------------------------------ the program
@@ -169,6 +178,7 @@ class DualProgram:
             self._add_damping(draft)
         if self.timed or self.longest is not None:
             self._add_duration(draft)
+
         # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
         rows = {name: diags_array(scaling) @ part for name, part in draft.factor.items()}
@@ -181,7 +191,10 @@ class DualProgram:
         return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum)
 
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
-        """Return the multipliers of a solution, times their units; zero if not among the unknowns."""
+        """Return the multipliers of a solution, times their units; zero if not among the unknowns.
+
+        Multipliers that must not be negative are raised to zero, as the solver may miss it by an error.
+        """
         count = len(self.series.width)
         x = np.stack([unknowns["x"][columns] for columns in self._x_columns], axis=2)
         x[..., 0] *= self.p_unit
@@ -205,15 +218,18 @@ class DualProgram:
         width = series.width
         m = series.v.error.shape[2]
         count = len(width) * SIZE  # number of coefficients of a function on all cells
+
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
         draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
         draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c
+
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
         slopes = np.broadcast_to(self.p_unit * slope, (len(width), *slope.shape))
         draft.factor["x"] = nu_cz - _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
+
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
@@ -248,9 +264,9 @@ class DualProgram:
     def _add_damping(self, draft: _Draft) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
 
-        The unknowns drag, omega, phi and loss are not negative and constant on cells, with nu . d >= drag -
-        omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) >= -omega^2 / (4 phi) is at
-        least -loss. `_add_duration` uses drag.
+        The unknowns drag, omega, phi and loss are not negative and constant on cells. They bound the term by
+        nu . d >= drag - omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) is at
+        least -omega^2 / (4 phi), which is at least -loss. `_add_duration` uses drag.
         """
         width = self.series.width
         count = len(width)
@@ -300,8 +316,8 @@ class DualProgram:
     def _add_drag(self, draft: _Draft) -> Any:
         """Add `share` and `dragged`, constant on cells; return -share / 2 as rows (2 k, k) at ends of cells.
 
-        Each cell spends a share of lambda on drag: `dragged` is at most 2 (drag share)^(1/2), the least of
-        drag z^(1/2) + share z^(-1/2).
+        Each cell spends a share of lambda on drag. `dragged` is part of the bound: it is at most
+        2 (drag share)^(1/2), the least of drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
@@ -324,6 +340,7 @@ class DualProgram:
 
     @property
     def _lambda_unit(self) -> float:
+        """The size of lambda if its term in C is as large as that of p."""
         return self.p_unit / self.time_unit**3
 
     @cached_property
@@ -381,15 +398,21 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
 
     The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound; the root gives the sharpest.
     The terms are bounded as follows:
-    With w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y).
-    With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
-    The remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
+
+    * with w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y);
+    * with w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2);
+    * the remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
+
+    Args:
+        factor: F >= 0.
+        damping: w.
+        lam: lambda.
     """
     y = _cost_minimiser(factor, damping, lam)
     positive = np.maximum(damping, 0.0)
     negative = np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        without_root = np.where(negative < 0.0, -np.inf, 0.0)  # no bound with w < 0
+        without_root = np.where(negative < 0.0, -np.inf, 0.0)  # y = 0 gives no bound with w < 0
         tangent_slope = np.where(y > 0.0, negative / (2.0 * y), without_root)
     share = np.minimum(positive * y**2, lam)
     remaining = factor + tangent_slope
@@ -401,7 +424,7 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
 def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     """Solve 2 F y^3 + w y^2 = lambda for y by Newton's method from above; 0 without a root.
 
-    F is the factor, w the damping. The root is enlarged by rounding.
+    F is the factor, w the damping. The root is enlarged by rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
@@ -411,25 +434,29 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     return np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
 
 
-class _SumBounds(NamedTuple):
-    """Lower bounds (k,) of a function on each cell."""
+def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
+    """Compute the coefficients (k, SIZE) of sum f_i x_i on each cell, and their error (k,).
 
-    least: Array
-    mean: Array
+    The values of a function are between its least and its largest coefficient; its mean is theirs.
 
-
-def _bound_sum(functions: Bernstein, x: Array) -> _SumBounds:
-    """Bound the least value and the mean (k,) of sum f_i x_i on each cell from below."""
+    Args:
+        functions: the m functions f_i.
+        x: coefficients (k, MULTIPLIER_DEGREE + 1, m) of the multipliers x_i.
+    """
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)
-    return _SumBounds(total.min(axis=1) - error, total.mean(axis=1) - error)
+    return total, error
 
 
 @dataclass
 class _Draft:
-    """The collected parts of a cone program.
+    """The collected parts of a cone program, by names of the unknowns.
 
-    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width, by unknowns.
+    sizes: number of unknowns of each name.
+    cost: cost of each unknown.
+    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width.
+    equal, nonnegative, cones: affine functions that must vanish, must not be negative, or lie in cones, as
+        for `ConeProgram`.
     """
 
     sizes: dict[str, int] = field(default_factory=dict)
