@@ -446,7 +446,7 @@ def _largest_tail(
     robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections."""
-    # torques may vanish, as at constant speed; their rounding error (n_a,) [N m] scales with the kinetic energy
+    # torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy
     kinetic_energy = robot.mass * (robot.length / state.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]

@@ -206,8 +206,8 @@ def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
 class SampledDemand(NamedTuple):
     """The demand on the motors along a path as series in s.
 
-    poles: (k,) s of the crossings; listed twice for a pole of second order.
-    series: (5 n_a,) functions of s: torques at rest, per s'^2, per s" and per s', each multiplied by
+    poles: path coordinates s (k,) of the crossings; listed twice for a pole of second order.
+    series: functions (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each multiplied by
         s - pole for all poles; and motor speeds per s'.
     has_friction: whether dry friction acts on any motor.
     """
@@ -237,7 +237,10 @@ def _pole_product(s: Array, poles: Array) -> Array:
 
 
 def sample_demand(task: Task) -> SampledDemand | None:
-    """Fit Chebyshev series to the undeformed robot's demand along a path; None without success."""
+    """Fit Chebyshev series to the undeformed robot's demand along a path; None without success.
+
+    Cells are halved until all quantities are resolved, or until there are too many cells.
+    """
     points = task.to_cross.points
     # the pole is of second order if the path touches the locus, or if several motions escape at once
     pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]
@@ -259,7 +262,7 @@ def sample_demand(task: Task) -> SampledDemand | None:
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     """Return the mask (P,) of panels on which one of the five quantities is not resolved.
 
-    A quantity is resolved if it is finite and its last two coefficients are small compared with the largest
+    The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is finite and its last two coefficients are small compared with the largest
     one, over all motors. Torques per s'^2 and per s" have the same unit and are compared with the larger of
     the two, because either may be rounding of the other.
     """
@@ -269,5 +272,5 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
     tail = sizes[:, -2:].max(axis=1)
     largest = sizes.max(axis=1)
-    resolved = tail <= SERIES_TAIL * largest  # not a number compares false
-    return np.asarray(~resolved.all(axis=1))
+    is_resolved = tail <= SERIES_TAIL * largest  # (P, 4), false for NaN
+    return np.asarray(~is_resolved.all(axis=1))

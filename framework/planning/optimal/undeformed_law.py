@@ -183,18 +183,27 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
 
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
-    """Return the refusal of a problem without a law, with a proof or the evidence of a search."""
+    """Return the refusal of a problem without a law, with a proof or the evidence of a search.
+
+    A motor that cannot hold the robot at an end of the path excludes every law. So does a bound of all peaks
+    above the limits. Without such a proof the refusal states the least limits that were found. If none were
+    found either, the limits may not be the reason: the search has not converged.
+
+    Args:
+        none: the failed search.
+    """
     name = problem.task.robot.name
     cells = len(none.program.basis.cells) - 1
-    holding = _overloaded_at_rest(problem)
     not_found = NotConverged(
         f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
     )
     if problem.response is not None or not problem.task.to_cross.explained:
         return not_found  # torques linearised about another motion prove nothing about limits
+    holding = _overloaded_at_rest(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
+
     evidence = _search_remedies(problem, cells, least, is_held=holding is None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
@@ -212,6 +221,7 @@ def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_
 
     Args:
         cells: number of cells of the search that failed.
+        least: the least multiples of the limits with which a law was found.
         is_held: whether motors can hold the robot at both ends of the path; otherwise no duration helps.
     """
     specification = problem.specification
@@ -281,7 +291,11 @@ def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits (n_a,), less the margin of the request."""
+    """Return whether a law is found within raised limits, less the margin of the request.
+
+    Args:
+        limits: raised limits (n_a,) by the names of `Specification`.
+    """
     share = 1.0 - problem.task.request.margin
     within: dict[str, Any] = {name: share * limit for name, limit in limits.items()}
     task = problem.task._replace(specification=replace(problem.specification, **within))
@@ -302,6 +316,6 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     overloaded = np.argwhere(holding > limit)
     if not len(overloaded):
         return None
-    end, motor = overloaded[0]
+    end, motor = overloaded[0]  # end: 0 for s = 0, 1 for s = 1
     joint = task.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(holding[end, motor]), float(limit[motor]))
