@@ -69,8 +69,7 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def clearance(self) -> Array | float:
         """The least singular value of the passive columns P; infinite without passive joints."""
-        values = clearance(self.robot, self._motion.linearised)
-        return read_only(values) if self.q.ndim == 2 else float(values[0])
+        return self._unstack(clearance(self.robot, self._motion.linearised))
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:

@@ -103,7 +103,9 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 
 
 def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN if there is none.
+    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S.
+
+    The ratio is NaN if there is no least one.
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
@@ -222,7 +224,7 @@ def platform_stiffness(
 
 
 def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
-    """Minimise V - w . x subject to c = 0 from q (nq,); return the equilibrium (nq,) and the load.
+    """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 
     Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
     where the robot buckles. If the robot snaps through, the result is the equilibrium beyond.

@@ -255,7 +255,7 @@ class Spline(PointPath):
         """The interpolating spline in s, of degree 5 or less."""
         from scipy.interpolate import make_interp_spline
 
-        degree = min(5, len(self.points) - 1)
+        degree = min(HIGHEST_ORDER + 1, len(self.points) - 1)
         knots = np.concatenate((np.zeros(degree + 1), self.knots, np.ones(degree + 1)))
         return make_interp_spline(self._shares, self.points, k=degree, t=knots)
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
 from framework.errors import InvalidInput
+from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import (
     COEFFICIENT_ROUNDING,
@@ -37,7 +38,7 @@ from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
 if TYPE_CHECKING:
     from framework.numerics.cone_program import Affine
 
-SPLINE_DEGREE = 5  # four derivatives of z are continuous; the second one of the torque contains all of them
+SPLINE_DEGREE = HIGHEST_ORDER + 1  # as many derivatives of z are continuous as the torque contains
 ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
 PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
 MAX_PANELS = 1024  # of t(sigma)
@@ -274,8 +275,8 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        values, weights = self._quadrature(y)
-        return float(weights @ (values @ y) ** -0.5)
+        duration, _slopes = self._duration_and_slopes(y)
+        return duration
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
         """Blend coefficients `quick` and `slow` (size,) to a duration [s] between theirs.
@@ -287,13 +288,11 @@ class SpeedSpace(NamedTuple):
         direction = quick - slow
         share = 0.0
         for _ in range(MAX_BLEND_STEPS):
-            values, weights = self._quadrature(y)
-            z = values @ y
-            excess = weights @ z**-0.5 - duration
+            y_duration, slopes = self._duration_and_slopes(y)
+            excess = y_duration - duration
             if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
                 break
-            decrease = 0.5 * weights @ (z**-1.5 * (values @ direction))  # of the duration per unit of share
-            share += excess / decrease
+            share -= excess / (slopes @ direction)
             y = slow + share * direction
         return y
 
@@ -331,18 +330,14 @@ class SpeedSpace(NamedTuple):
     def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
         """Return slopes (c, size) and values (c,) of the equations at y.
 
-        The equations are the equalities and, unless `duration` is None, T(y) - duration = 0. Here dT/dy is
-        -1/2 times the integral of z^(-3/2) dz/dy.
+        The equations are the equalities and, unless `duration` is None, T(y) - duration = 0.
         """
         slopes = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
         values = equalities(y)
         if duration is None:
             return slopes, values
-
-        basis_values, weights = self._quadrature(y)  # (P, size), (P,)
-        z = basis_values @ y
-        duration_slope = -0.5 * ((weights * z**-1.5) @ basis_values)
-        return np.vstack([slopes, duration_slope]), np.append(values, weights @ z**-0.5 - duration)
+        y_duration, duration_slopes = self._duration_and_slopes(y)
+        return np.vstack([slopes, duration_slopes]), np.append(values, y_duration - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
         """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
@@ -363,13 +358,17 @@ class SpeedSpace(NamedTuple):
         degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _quadrature(self, y: Array) -> tuple[Any, Array]:
-        """Return basis values (P, size) and weights (P,) of a quadrature over sigma.
+    def _duration_and_slopes(self, y: Array) -> tuple[float, Array]:
+        """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
 
-        Its P Gauss-Legendre points are on the panels that resolve z^(-1/2) for the z of coefficients y.
+        dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
+        on the panels that resolve z^(-1/2).
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)
         half_widths = 0.5 * np.diff(edges)[:, None]
         sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
-        return self.basis.matrix(self.stretch(sigma)), (half_widths * weights).ravel()
+        basis_values = self.basis.matrix(self.stretch(sigma))  # (P, size)
+        sigma_weights = (half_widths * weights).ravel()  # (P,)
+        z = basis_values @ y
+        return float(sigma_weights @ z**-0.5), -0.5 * ((sigma_weights * z**-1.5) @ basis_values)

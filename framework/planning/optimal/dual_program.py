@@ -53,7 +53,6 @@ MULTIPLIER_DEGREE = (
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
 HALVINGS = 2  # of each cell, for the bound of the integral of |nu|
 SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
-MAX_NEWTON_STEPS = 20  # to the minimiser of a cost
 SOLVER_ERROR = 1e-7  # by which a solution may violate the rows of the program
 # degree elevation to SIZE Bernstein coefficients: of a series, of a line, of the slope of x
 _ELEVATED_SERIES, _ELEVATED_LINE = elevation_matrix(DEGREE, SIZE - 1), elevation_matrix(1, SIZE - 1)
@@ -424,13 +423,17 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
 def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     """Solve 2 F y^3 + w y^2 = lambda for y by Newton's method from above; 0 without a root.
 
-    F is the factor, w the damping. The root is enlarged by rounding, so that it is no less than the true one.
+    F is the factor, w the damping. The iterates fall until rounding stops them. The root is enlarged by
+    rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
-        for _ in range(MAX_NEWTON_STEPS):
+        falls = True
+        while falls:
             residual = 2.0 * factor * y**3 + damping * y**2 - lam
-            y = y - residual / (6.0 * factor * y**2 + 2.0 * damping * y)
+            step = residual / (6.0 * factor * y**2 + 2.0 * damping * y)
+            falls = bool((y - step < (1.0 - SUM_ROUNDING) * y).any())  # not for NaN
+            y = y - step
     return np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
 
 

@@ -29,6 +29,7 @@ from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_berns
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
+from framework.tolerances import MEASURE_TAIL
 
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
 LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
@@ -36,7 +37,6 @@ MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a mot
 FIRST_CHEBYSHEV_CELLS = 4
 CHEBYSHEV_NODES = 16  # an even number: no node in the middle of a cell, where a crossing is
 MAX_CHEBYSHEV_CELLS = 60  # with more cells, the equations are evaluated at each point of a program instead
-SERIES_TAIL = 1e-9  # last coefficients of a resolved series, over the largest one on the cell
 
 
 class PathSeries(NamedTuple):
@@ -262,9 +262,10 @@ def sample_demand(task: Task) -> SampledDemand | None:
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     """Return the mask (P,) of panels on which one of the five quantities is not resolved.
 
-    The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is finite and its last two coefficients are small compared with the largest
-    one, over all motors. Torques per s'^2 and per s" have the same unit and are compared with the larger of
-    the two, because either may be rounding of the other.
+    The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is
+    finite and its last two coefficients are small compared with the largest one, over all motors. Torques per
+    s'^2 and per s" have the same unit and are compared with the larger of the two, because either may be
+    rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
     by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
@@ -272,5 +273,5 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
     tail = sizes[:, -2:].max(axis=1)
     largest = sizes.max(axis=1)
-    is_resolved = tail <= SERIES_TAIL * largest  # (P, 4), false for NaN
+    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 4), false for NaN
     return np.asarray(~is_resolved.all(axis=1))

@@ -275,9 +275,10 @@ def _bound_wrench_terms(
 def _probe_motions(
     branch: Branch, phi: Smoothstep, sigma: Array, closed: ClosedStack | None = None
 ) -> Motion:
-    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1), one after the other.
+    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1).
 
-    The platform's derivatives by sigma are x' phi' and x' phi" + x" phi'^2, where x' and x" are those by s.
+    The M motions at one (z, u) follow those at the one before. The platform's derivatives by sigma are
+    x' phi' and x' phi" + x" phi'^2, where x' and x" are those by s.
 
     Args:
         closed: configurations (M,) at sigma, if known.
