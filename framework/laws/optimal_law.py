@@ -120,7 +120,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         _check_cells(self)
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
-        integral = float(self._time[1][-1])
+        _time_in_panel, instants = self._time
+        integral = float(instants[-1])
         object.__setattr__(self, "duration", self.duration or integral)
         if not abs(integral - self.duration) <= DURATION_MISMATCH * self.duration:
             raise InvalidInput(f"law: its speed takes {integral!r} s, not {self.duration!r} s")

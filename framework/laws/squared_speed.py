@@ -292,7 +292,7 @@ class SpeedSpace(NamedTuple):
             excess = y_duration - duration
             if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
                 break
-            share -= excess / (slopes @ direction)
+            share -= excess / float(slopes @ direction)
             y = slow + share * direction
         return y
 
