@@ -129,6 +129,7 @@ def _redundant_torque_changes(
 
     Args:
         speeds: G' (T, n, n_a).
+        joint_torque: torques (T, n_a) on the joint side, without those of the rotors.
     """
     torque = joint_torque / robot.gear_ratio
     k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]

@@ -216,7 +216,7 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
-    """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques and rotor inertia.
+    """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques (T, n_a) and rotors.
 
     tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c) of the paper, with the gear ratio n and ddq_a on
     the joint side.
@@ -269,7 +269,12 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 def driven_force_changes(
     robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
 ) -> Array:
-    """Compute `force_changes` (3, T, k, nv), rotors and springs included, under joint torques (T, n_a)."""
+    """Compute `force_changes` (3, T, k, nv), rotors and springs included.
+
+    Args:
+        joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
+        changes: changes of q, v and a by unit steps of k coordinates.
+    """
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)

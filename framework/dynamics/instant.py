@@ -305,7 +305,7 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) of each closure, by name; NaN if indeterminate.
+    """Compute the wrench (T, 6) of each closure, by name, from the loads of the loops; NaN if indeterminate.
 
     A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
     closure's unit wrenches times their multipliers.
@@ -386,8 +386,10 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
 def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Array:
     """Replace indeterminate components of wrenches (T, 6) by NaN.
 
-    `free` (T, k, 6) are the wrenches of unit vectors in the null space of J'. A component to which one of
-    these wrenches contributes is indeterminate.
+    A component is indeterminate if it changes along the null space of J'.
+
+    Args:
+        free: wrenches (T, k, 6) of k unit vectors in the null space.
     """
     moment_arms = np.repeat([1.0, robot.length], 3)  # convert moments to forces
     freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length

@@ -415,7 +415,7 @@ def check_law(law: MotionLaw) -> None:
 
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
-    """Return whether the series through the law's values at the nodes agrees with the law elsewhere.
+    """Return whether the series through the law's values at the nodes of a grid agrees with the law.
 
     The derivatives of a user's own law are compared with those of the series.
 

@@ -166,7 +166,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
-    """Return the reason (T,) to stop after each step; NOT_CONVERGED to continue."""
+    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue."""
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
     reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
@@ -238,7 +238,10 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
 
 
 def _predict_steps(start: _Points, step: Array) -> _Prediction:
-    """Compute steps of at most `step` (T,) [rad, lengths] along the tangents, up to the whole load."""
+    """Compute steps of at most `step` (T,) [rad, lengths] from `start` along the tangents.
+
+    A step ends at the whole load if that is nearer.
+    """
     remaining = 1.0 - start.share
     size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)  # of a step to the whole load
     fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share
@@ -251,7 +254,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
 
 
 def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
-    """Correct predicted steps to the curve by Newton's method.
+    """Correct predicted steps `ahead` of the points `start` to the curve by Newton's method.
 
     A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
     It gets one more iteration, to rounding, because the tangent of a soft robot needs this accuracy. A step
@@ -292,7 +295,12 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share.
 
     On the null space of the closures it solves [H drive; border' 0] [dz; dshare] = [-slope; 0] with the
-    tangent as the border. Under the whole load the last row is dshare = 0.
+    tangent as the border. For a step to the whole load the last row is dshare = 0.
+
+    Args:
+        state: the distance from balance at the last iterate.
+        tangent: unit vectors (T, f) along the curve.
+        is_whole: whether (T,) the step leads to the whole load.
     """
     border = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
     equilibrium_rows = [state.H, state.drive[:, :, None]]
@@ -305,10 +313,10 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
 
 
 def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
-    """Find the turning points of the share on the curves ahead of T points."""
+    """Find the turning points of the share on the curves ahead of the points `start`."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Evaluate F (T, f): the energy's slope along the null space Z, loop errors across Z.
+        """Evaluate F (T, f) at q and share: the energy's slope along the null space Z, loop errors across Z.
 
         Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is the scaled stiffness
         along Z and the identity across Z: 1 + Z (H / size - 1) Z'.

@@ -141,7 +141,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return advice on how to hold an idle coordinate, or how to remove its load."""
+    """Return advice on how to hold an idle coordinate (velocity index `column`), or to remove its load."""
     model, name = robot.model, robot.coordinates.name_of(column)
     joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
@@ -188,7 +188,7 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
 
 
 def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
-    """Raise NotAssembled if a loop equation that was left out as redundant is open on a node."""
+    """Raise NotAssembled if a loop equation that was left out as redundant is open on a node of `state`."""
     dropped = robot.structure.dropped
     if not len(dropped):
         return
@@ -256,6 +256,8 @@ def _is_resolved_near(
     with the series to the tolerance of a resolved torque, plus the relative rounding error of g.
 
     Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
         instant: time [s] at which the robot with springs at rest passes the near miss.
     """
     robot, edges = branch.robot, state.grid.edges

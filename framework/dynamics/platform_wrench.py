@@ -175,9 +175,9 @@ class ActionLines(NamedTuple):
 def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None:
     """Compute the lines of the motors' forces, or the axes of their moments, from G (F, n_a, n).
 
-    A force f along a line through p has the moment p x f. G contains only the components along the platform's
-    axes. With fewer than six axes several lines have these components; the result is the one nearest to the
-    origin.
+    A force f along a line through p has the moment p x f. G, `motor_speed`, contains only the components
+    along the platform's axes. With fewer than six axes several lines have these components; the result is the
+    one nearest to the origin.
 
     Returns:
         None for a single motor, for a wrench that is not a force along a line (zero, or a screw with pitch),

@@ -132,6 +132,9 @@ def prescribed_motion(
 ) -> PrescribedMotion:
     """Check the arguments of `dynamics_at` and compute the prescribed motion.
 
+    Args:
+        q, dx, ddx, dddx, wrenches: as for `dynamics_at`.
+
     Raises:
         InvalidInput, NotAssembled: as `dynamics_at`.
     """
@@ -208,7 +211,7 @@ class _TaylorMotion(NamedTuple):
     wrenches: Wrenches  # (6,) by frame, constant on base axes
 
     def refuse(self, reason: str, wrench: float | None = None) -> SingularPose:
-        """Return the error for this motion; `wrench` is t_s . W_p if condition (8) is violated."""
+        """Return the error with a reason; `wrench` is t_s . W_p if condition (8) is violated."""
         x = self.x[0]
         return SingularPose(
             f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
@@ -248,6 +251,9 @@ class _TaylorMotion(NamedTuple):
 
     def find_crossing(self, half_panel: float) -> float:
         """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
+
+        Args:
+            half_panel: half the width [s] of the panel on which the instant is sought.
 
         Raises:
             SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.

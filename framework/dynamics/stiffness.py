@@ -133,7 +133,8 @@ def least_ratios(H: Array, S: Array) -> Array:
 def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
     """Compute the stiffness (T,) [N/m] of the platform's point in the softest direction, 0 at Type 2.
 
-    For a platform that only turns it is the rotational stiffness [N m/rad].
+    `free` are the motions of the robot with locked motors. For a platform that only turns it is the
+    rotational stiffness [N m/rad].
     """
     loaded = robot.translations if robot.translations.any() else ~robot.translations
     X = free.X[:, loaded]
@@ -310,8 +311,8 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
 def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and mode shapes z (k, d).
 
-    The shapes have z' M z = 1. Motions without mass have no vibration of their own: they follow the others
-    statically.
+    The frequencies are those of the stiffness H and the mass M, (d, d) each. The shapes have z' M z = 1.
+    Motions without mass have no vibration of their own: they follow the others statically.
     """
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])

@@ -275,6 +275,7 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     coefficients of p solve one linear equation per condition.
 
     Args:
+        duration, smoothness: of all laws, as for `rest_to_rest`.
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
@@ -305,7 +306,8 @@ def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
     """Return the matrices (m, c, c) from c coefficients of p to derivatives of s.
 
     Row i of a matrix gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a
-    Chebyshev series of n terms, and T_k(x) = cos(k arccos x).
+    Chebyshev series of n terms, and T_k(x) = cos(k arccos x). For the `smoothness` and p see
+    `advances_and_peaks`.
     """
     series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)

@@ -389,7 +389,8 @@ def check_path(path: Path) -> None:
 def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
     """Compare means of a derivative over intervals with difference quotients of the order below.
 
-    The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
+    The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a). The
+    intervals have `starts` and `lengths` (intervals,) in s.
     """
     values = _evaluate_path(path, np.append(starts, starts + lengths), order - 1)  # (2 intervals, n)
     at_start, at_end = np.split(values, 2)

@@ -139,7 +139,7 @@ class DualProgram:
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
-        """Bound the mean (k,) of |nu|_1 on each cell from above."""
+        """Bound the mean (k,) of |nu|_1 on each cell from above, for the coefficients x of `Multipliers`."""
         v = self.series.v
         nu = multiply(v.coefficients, x[..., None]).sum(axis=2)
         error = (np.abs(x).max(axis=1)[..., None] * v.error).sum(axis=(1, 2))
@@ -423,8 +423,8 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
 def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     """Solve 2 F y^3 + w y^2 = lambda for y by Newton's method from above; 0 without a root.
 
-    F is the factor, w the damping. The iterates fall until rounding stops them. The root is enlarged by
-    rounding, so that it is no less than the true one.
+    F is the factor, w the damping, lambda `lam`. The iterates fall until rounding stops them. The root is
+    enlarged by rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)

@@ -87,7 +87,13 @@ def _choose_instants(plan: CrossingPlan) -> Array:
 
 
 def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) at speeds s' (T,) within torque limits (n_a,)."""
+    """Compute the least and the largest s" (T,) [1/s^2] within torque limits.
+
+    Args:
+        required: torques of the motors with sigma = s.
+        speed: s' (T,) [1/s] of the law.
+        limit: torque limits (n_a,) [N m].
+    """
     constant, per_z, per_u = required.torque
     ds = speed[:, None]
     at_zero = constant + (required.damping + per_z * ds) * ds  # (T, n_a) torques with s" = 0
@@ -139,10 +145,13 @@ def _highest_corner(edges: Array) -> Array:
 
 
 def _intersect_edges(first: Array, second: Array) -> Array:
-    """Intersect edges (T, pairs, 4) with others; return both corners (s', s'^2, s"), (2, T, pairs, 3).
+    """Intersect the first edges (T, pairs, 4) with the second ones, see `_highest_corner`.
 
     Elimination of s" leaves a s'^2 + b s' = c, which is solved without cancellation. s" then follows from the
-    edge with the larger coefficient of s". Corners are NaN if the edges do not meet.
+    edge with the larger coefficient of s".
+
+    Returns:
+        Both corners (s', s'^2, s") of each pair, (2, T, pairs, 3); NaN if the edges do not meet.
     """
     per_u_first, per_u_second = first[..., 2:3], second[..., 2:3]
     b, a, _, c = np.moveaxis(first * per_u_second - second * per_u_first, 2, 0)

@@ -105,8 +105,8 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
     """Fit functions on cells, halved until all functions resolve; None without success.
 
     Args:
-        reference: (n_a,) of the torques; motors with an infinite reference are left out.
-        edges: (k + 1,) of s, all knots among them.
+        reference: torques (n_a,) [N m]; motors with an infinite reference are left out.
+        edges: edges (k + 1,) of the cells in s, all knots among them.
     """
     for _ in range(MAX_CUTS):
         fit = _fit_series(task, reference, edges)
@@ -127,7 +127,7 @@ class _Fit(NamedTuple):
 
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells."""
+    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells; arguments as for `resolve_series`."""
     samples = _sample_cells(task, reference, edges)
     directions, v = _multiplier_basis(samples.per_u)
     torques = (samples.constant, samples.per_z, samples.damping)
@@ -154,7 +154,7 @@ class _Samples(NamedTuple):
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
-    """Sample torques and speeds at the nodes of each cell."""
+    """Sample torques and speeds at the nodes of each cell; arguments as for `resolve_series`."""
     specification = task.specification
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s)
@@ -180,8 +180,8 @@ def _split_by_cell(values: Array) -> Array:
 def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
     """Compute the mean dry friction of each cell at its nodes (k NODES, n_a), and the error (k, n_a).
 
-    The error is 2 size if a motor reverses within the cell. Two reversals between neighbouring nodes remain
-    unseen, as in plans.
+    The friction is that of `required`, of sizes (n_a,). The error is 2 size if a motor reverses within the
+    cell. Two reversals between neighbouring nodes remain unseen, as in plans.
     """
     friction = _split_by_cell(required.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)

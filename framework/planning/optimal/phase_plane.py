@@ -164,6 +164,7 @@ def crossing_rows(
     that of u on a path orthogonal to t_s, or all coefficients on a straight path without weight along t_s.
 
     Args:
+        phi: the map from sigma to s.
         z0: the squared speed about which damping is linearised, if any.
     """
     if crossing.corank > 1 or crossing.touches:
@@ -174,7 +175,7 @@ def crossing_rows(
 
 
 def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
-    """Compute the conditions (k, 4) of all uncontrolled motions of the undeformed robot.
+    """Compute the conditions (k, 4) of all uncontrolled motions; arguments as for `crossing_rows`.
 
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
     (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
@@ -241,7 +242,10 @@ def _wrench_row(
     crossing: CrossingPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
-    """Compute t_s . W_p (3,) at a crossing per (1, z, u); rounding is set to zero."""
+    """Compute t_s . W_p (3,) at a crossing per (1, z, u); arguments as for `crossing_rows`.
+
+    Coefficients that are only rounding of their terms are set to zero.
+    """
     robot = branch.robot
     s = np.array([crossing.s])
     sigma = phi.inverse(s)

@@ -232,7 +232,12 @@ def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
-    """Return the refusal of a path at whose start or end a motor cannot hold the robot."""
+    """Return the refusal of a path at whose start or end a motor cannot hold the robot.
+
+    Args:
+        holding: the torque that the motor lacks.
+        evidence: the search for limits with which the problem has a law.
+    """
     robot = problem.task.robot
     end = "start" if holding.s == 0 else "end"
     unit = dict(zip(robot.actuator_names, robot.torque_units, strict=True))[holding.joint]
