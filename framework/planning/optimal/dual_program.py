@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron
 
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array
 from framework.numerics.bernstein import (
     DEGREE,
     Bernstein,
@@ -195,9 +195,7 @@ class DualProgram:
         Multipliers that must not be negative are raised to zero, as the solver may miss it by an error.
         """
         count = len(self.series.width)
-        x = np.stack([unknowns["x"][columns] for columns in self._x_columns], axis=2)
-        x[..., 0] *= self.p_unit
-        x[..., 1:] *= self._nu_unit[:, None, None]
+        x = np.reshape(self._x_coefficients @ unknowns["x"], (count, MULTIPLIER_DEGREE + 1, -1))
         mu = unknowns.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
         minorant = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
         minorant = self.p_unit * self._slowness**3 * minorant
@@ -226,8 +224,9 @@ class DualProgram:
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        slopes = np.broadcast_to(self.p_unit * slope, (len(width), *slope.shape))
-        draft.factor["x"] = nu_cz - _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
+        of_x_0 = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
+        slopes = np.broadcast_to(of_x_0, (len(width), *of_x_0.shape))
+        draft.factor["x"] = nu_cz - _diagonal_rows(slopes) @ self._x_coefficients
 
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
@@ -253,8 +252,7 @@ class DualProgram:
         count, _, n = squared_speed.shape
         # Bernstein coefficients (cells, SIZE, n) of k(s), elevated to the degree of the factor
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]
-        columns = np.arange(count)[:, None]  # of the one unknown of each cell
-        parts = [_block_rows(terms[..., motor, None], columns, count) for motor in range(n)]
+        parts = [_diagonal_rows(terms[..., motor, None]) for motor in range(n)]
         draft.factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
@@ -293,10 +291,9 @@ class DualProgram:
         """
         width = self.series.width[:, None]
         count = 2 * len(width)
-        ends = np.arange(count).reshape(-1, 2)
         identity = eye_array(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
-        draft.factor["minorant"] = _block_rows(lines, ends, count)
+        draft.factor["minorant"] = _diagonal_rows(lines)
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
         end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
@@ -363,18 +360,20 @@ class DualProgram:
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
     @cached_property
-    def _x_columns(self) -> list[IntArray]:
-        """The columns (k, MULTIPLIER_DEGREE + 1) of each x_i among the unknowns "x".
+    def _x_coefficients(self) -> Any:
+        """The sparse matrix from the unknowns "x" to all coefficients (k, MULTIPLIER_DEGREE + 1, m) of x.
 
-        x_0 is continuous: neighbouring cells share the coefficient at their common edge. The other x_i have
-        coefficients of their own on each cell.
+        x_0 is continuous: neighbouring cells share the unknown at their common edge. The other x_i have
+        unknowns of their own on each cell. The matrix contains the units of the unknowns.
         """
-        count = len(self.series.width)
+        count, m = len(self.series.width), self.series.v.error.shape[2]
         size = MULTIPLIER_DEGREE + 1
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)
-        shape = self.series.v.error.shape[2] - 1, count, size
-        others = continuous[-1, -1] + 1 + np.arange(np.prod(shape)).reshape(shape)
-        return [continuous, *others]
+        others = continuous[-1, -1] + 1 + np.arange(count * size * (m - 1))
+        columns = np.dstack([continuous, others.reshape(count, size, m - 1)]).ravel()
+        units = np.repeat(self._nu_unit, size * m).reshape(count, size, m)
+        units[..., 0] = self.p_unit
+        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))
 
     def _x_rows(self, functions: Array) -> Any:
         """Return rows (k SIZE, number of unknowns "x") of the coefficients of sum f_i x_i.
@@ -383,13 +382,8 @@ class DualProgram:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
-        count = int(self._x_columns[-1][-1, -1]) + 1
-        rows = csr_array((len(functions) * SIZE, count))
-        for i, columns in enumerate(self._x_columns):
-            unit = self.p_unit if i == 0 else self._nu_unit[:, None, None]
-            blocks = unit * np.einsum("jab,ka->kjb", weights, functions[..., i])
-            rows = rows + _block_rows(blocks, columns, count)
-        return rows
+        blocks = np.einsum("jab,kam->kjbm", weights, functions)
+        return _diagonal_rows(blocks.reshape(len(functions), SIZE, -1)) @ self._x_coefficients
 
 
 def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
@@ -470,9 +464,10 @@ class _Draft:
     cones: list[list[AffineRows]] = field(default_factory=list)
 
 
-def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:
-    """Return a sparse matrix (k r, count) of blocks (k, r, c), one below the other, at `columns` (k, c)."""
-    k, r, c = blocks.shape
-    row = np.repeat(np.arange(k * r), c)
-    column = np.repeat(columns, r, axis=0)  # (k r, c)
-    return csr_array((blocks.ravel(), (row, column.ravel())), shape=(k * r, count))
+def _diagonal_rows(blocks: Array) -> Any:
+    """Return the sparse matrix (k r, k c) with blocks (k, r, c) on its diagonal."""
+    count, height, width = blocks.shape
+    columns = np.arange(count * width).reshape(count, 1, width)
+    starts = width * np.arange(count * height + 1)  # of the rows among the entries
+    entries = blocks.ravel(), np.broadcast_to(columns, blocks.shape).ravel(), starts
+    return csr_array(entries, shape=(count * height, count * width))
