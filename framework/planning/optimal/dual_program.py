@@ -26,7 +26,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron
+from scipy.sparse import block_diag, csr_array, diags_array, eye_array, hstack, kron
 
 from framework.numerics.arrays import Array
 from framework.numerics.bernstein import (
@@ -226,7 +226,7 @@ class DualProgram:
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
         of_x_0 = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
         slopes = np.broadcast_to(of_x_0, (len(width), *of_x_0.shape))
-        draft.factor["x"] = nu_cz - _diagonal_rows(slopes) @ self._x_coefficients
+        draft.factor["x"] = nu_cz - block_diag([*slopes], format="csr") @ self._x_coefficients
 
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
@@ -252,7 +252,7 @@ class DualProgram:
         count, _, n = squared_speed.shape
         # Bernstein coefficients (cells, SIZE, n) of k(s), elevated to the degree of the factor
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]
-        parts = [_diagonal_rows(terms[..., motor, None]) for motor in range(n)]
+        parts = [block_diag([*terms[..., motor, None]], format="csr") for motor in range(n)]
         draft.factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
@@ -293,7 +293,7 @@ class DualProgram:
         count = 2 * len(width)
         identity = eye_array(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
-        draft.factor["minorant"] = _diagonal_rows(lines)
+        draft.factor["minorant"] = block_diag([*lines], format="csr")
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
         end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
@@ -383,7 +383,7 @@ class DualProgram:
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
         blocks = np.einsum("jab,kam->kjbm", weights, functions)
-        return _diagonal_rows(blocks.reshape(len(functions), SIZE, -1)) @ self._x_coefficients
+        return block_diag([*blocks.reshape(len(functions), SIZE, -1)], format="csr") @ self._x_coefficients
 
 
 def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
@@ -462,12 +462,3 @@ class _Draft:
     equal: list[AffineRows] = field(default_factory=list)
     nonnegative: list[AffineRows] = field(default_factory=list)
     cones: list[list[AffineRows]] = field(default_factory=list)
-
-
-def _diagonal_rows(blocks: Array) -> Any:
-    """Return the sparse matrix (k r, k c) with blocks (k, r, c) on its diagonal."""
-    count, height, width = blocks.shape
-    columns = np.arange(count * width).reshape(count, 1, width)
-    starts = width * np.arange(count * height + 1)  # of the rows among the entries
-    entries = blocks.ravel(), np.broadcast_to(columns, blocks.shape).ravel(), starts
-    return csr_array(entries, shape=(count * height, count * width))
