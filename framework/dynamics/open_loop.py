@@ -32,17 +32,12 @@ class MotorControl(NamedTuple):
     k_d: Array  # (n_a,) [N m s/rad]
 
     @staticmethod
-    def of(inertia: Array, frequency: Array | float, damping: float = 1.0) -> MotorControl:
-        """Return the gains for a natural frequency and a damping ratio.
+    def of(inertia: Array, frequency: Array | float) -> MotorControl:
+        """Return the gains for a natural frequency w [rad/s] with critical damping.
 
-        k_p = w^2 I and k_d = 2 damping w I.
-
-        Args:
-            inertia: I (n_a,) [kg m^2, kg] that each motor moves.
-            frequency: w [rad/s].
-            damping: damping ratio; 1 is critical.
+        k_p = w^2 I and k_d = 2 w I, with the inertia I (n_a,) [kg m^2, kg] that each motor moves.
         """
-        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * damping * frequency * inertia)
+        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * frequency * inertia)
 
     def torque(self, angle_error: Array, speed_error: Array) -> Array:
         """Compute the feedback (T, n_a) [N m] for errors (T, n_a) of motor angles and speeds."""

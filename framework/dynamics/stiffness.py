@@ -41,7 +41,7 @@ from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matmul
 from framework.tolerances import (
     EIGENVALUE_ROUNDING,
@@ -64,8 +64,7 @@ MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, 
 class CompliantMotions(NamedTuple):
     """The motions that springs and loops allow at T configurations with locked motors."""
 
-    columns: IntArray  # (f,) velocity indices of the moving joints: elastic, then passive
-    Z: Array  # (T, f, d) joint rates; orthonormal if lengths are counted in robot lengths
+    Z: Array  # (T, f, d) rates of `moving_columns`; orthonormal if lengths are counted in robot lengths
     X: Array  # (T, n, d) twists of the platform on its axes
     K: Array  # (T, d, d) stiffness of the springs alone
     M: Array  # (T, d, d) mass of all bodies; rotors rest
@@ -94,7 +93,6 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
     transposed = Z.swapaxes(1, 2)
     return CompliantMotions(
-        columns=columns,
         Z=Z,
         X=matmul(linearised.platform[:, :, columns], Z),
         K=matmul(transposed * stiffness, Z),
@@ -205,7 +203,7 @@ def platform_stiffness(
 
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
-    modes[:, free.columns] = shapes @ free.Z[0].T
+    modes[:, moving_columns(robot)] = shapes @ free.Z[0].T
     stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
         robot=robot,
