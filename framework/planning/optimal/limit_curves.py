@@ -78,12 +78,13 @@ def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
 
 def _choose_instants(plan: CrossingPlan) -> Array:
     """Return ascending instants (T,) [s], dense at the ends and beside crossings, and never on a crossing."""
-    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, LAW_SAMPLES)))
+    duration = plan.duration
+    offsets = duration * CROSSING_OFFSETS
+    times = 0.5 * duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, LAW_SAMPLES)))
     for crossing in plan.crossings:
-        times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
-        beside = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
-        times = np.concatenate([times, beside[(beside > 0) & (beside < plan.duration)]])
-    return np.unique(times)
+        times = times[np.abs(times - crossing.time) > offsets[0]]
+        times = np.concatenate([times, crossing.time - offsets, crossing.time + offsets])
+    return np.unique(times[(times >= 0) & (times <= duration)])
 
 
 def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[Array, Array]:
