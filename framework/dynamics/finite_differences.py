@@ -66,14 +66,13 @@ def finite_difference_torques(
     motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # springs at rest
     forces = joint_forces(robot, motion)
 
-    # With rigid geometry the deflections shift the motor angles in a single pass; the forces stay those of
-    # the rigid robot.
+    # with rigid geometry a single pass shifts the motor angles, and the forces stay those of the rigid robot
     pass_count = passes if geometry == "deformed" else min(robot.n_e, 1)
     for k in range(pass_count):
+        if k > 0:
+            forces = joint_forces(robot, motion)
         q_e = -forces.spring_force / robot.stiffness
         motion = motion_with_deflections(branch, times, law, (q_e, *_differentiate_twice(q_e, times)))
-        if geometry == "deformed" and k < passes - 1:
-            forces = joint_forces(robot, motion)
 
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
     _, acceleration = _differentiate_twice(angle, times)

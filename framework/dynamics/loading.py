@@ -326,8 +326,9 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
         null = state.null
         along_null = state.H / size[:, None] - np.eye(null.shape[2])
         matrix = np.eye(null.shape[1]) + matmul(null, matmul(along_null, null.swapaxes(1, 2)))
-        drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
-        return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
+        by_share = matvec(null, state.drive / size)  # derivative of F by the share
+        F = matvec(null, state.slope / size) - state.closing
+        return CurveEquations(matrix, by_share, F, state.linearised)
 
     motors_at_rest = np.zeros((len(start.q), robot.nv))
     curves = Curves(robot, moving_columns(robot), motors_at_rest, evaluate)

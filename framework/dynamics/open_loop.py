@@ -88,8 +88,10 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     joint_torque = robot.gear_ratio * result.torque_without_friction(times)
     joint_torque -= (robot.rotors * motion.a)[:, robot.actuated]
     changes = coordinate_changes(robot, motion, robot.structure.idle, (x, dx, ddx))
-    force_change = driven_force_changes(robot, motion, joint_torque, changes)[:, :, : robot.n]
+    force_change = driven_force_changes(robot, motion, joint_torque, changes)  # (3, T, k, nv)
 
+    # of the k coordinates the first n are those of the platform, the others idle joints
+    force_change = force_change[:, :, : robot.n]
     motions = changes.q[:, : robot.n]  # (T, n, nv) T'
     # derivatives of E' (W - G' tau) by x, dx/dt and d2x/dt2, (T, n, n) each
     by_x, by_rate, inertia = motions @ force_change.swapaxes(2, 3)

@@ -407,11 +407,11 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         without_root = np.where(negative < 0.0, -np.inf, 0.0)  # y = 0 gives no bound with w < 0
         tangent_slope = np.where(y > 0.0, negative / (2.0 * y), without_root)
-    share = np.minimum(positive * y**2, lam)
+    share = np.minimum(positive * y**2, lam)  # the sharpest one if y is the root
     remaining = factor + tangent_slope
     cost = 1.5 * np.cbrt(2.0 * np.maximum(remaining, 0.0) * (lam - share) ** 2)
-    cost = cost + 2.0 * np.sqrt(positive * share)
-    return np.where(remaining >= 0.0, cost + 0.5 * negative * y, -np.inf)
+    cost = cost + 2.0 * np.sqrt(positive * share) + 0.5 * negative * y
+    return np.where(remaining >= 0.0, cost, -np.inf)
 
 
 def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:

@@ -225,7 +225,7 @@ class SampledDemand(NamedTuple):
         dphi = phi(sigma, 1)[:, None]
         ddphi = phi(sigma, 2)[:, None]
         pole_product = _pole_product(s, self.poles)
-        *torques, speed = np.split(self.series(s), 5, axis=1)
+        *torques, speed = np.split(self.series(s), 5, axis=1)  # the quantities of `series`
         constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
         affine = AffineInSpeed(constant, per_z * dphi**2 + per_u * ddphi, per_u * dphi)
         return Demand(affine, damping * dphi, speed * dphi, speed if self.has_friction else None)
