@@ -303,12 +303,12 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
         is_whole: whether (T,) the step leads to the whole load.
     """
     border = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    equilibrium_rows = [state.H, state.drive[:, :, None]]
+    first_rows = [state.H, state.drive[:, :, None]]
     last_row = [border[:, None], is_whole[:, None, None]]
     right_side = np.append(-state.slope, np.zeros((len(border), 1)), axis=1)
     with np.errstate(all="ignore"):  # a singular system gives infinite steps, which end the iteration
-        step = solve(np.block([equilibrium_rows, last_row]), right_side)
-        dz, dshare = step[:, :-1], step[:, -1]
+        solution = solve(np.block([first_rows, last_row]), right_side)
+        dz, dshare = solution[:, :-1], solution[:, -1]
         return state.closing + matvec(state.null, dz), dshare
 
 

@@ -203,7 +203,7 @@ class DualProgram:
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
-        """Add x to the cost and the factor, and t >= |nu|.
+        """Add the unknowns x to the cost and the factor, and unknowns t >= |nu|.
 
         The cost contains nu . c, the factor nu . cz - p'. On a cell p' has the coefficients
         MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
@@ -224,9 +224,9 @@ class DualProgram:
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        of_x_0 = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
-        slopes = np.broadcast_to(of_x_0, (len(width), *of_x_0.shape))
-        draft.factor["x"] = nu_cz - block_diag([*slopes], format="csr") @ self._x_coefficients
+        cell_slope = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
+        p_slope = kron(eye_array(len(width)), cell_slope, format="csr") @ self._x_coefficients
+        draft.factor["x"] = nu_cz - p_slope
 
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
