@@ -122,7 +122,7 @@ def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> 
         terms = np.stack([required.damping, per_z, per_u, constant], axis=2)[:, is_limited]
         shares = terms / torque_limit[is_limited, None]
         edges = np.concatenate([shares, -shares], axis=1)  # (T, m, 4)
-        edges[..., 3] = 1.0 - edges[..., 3]
+        edges[..., 3] = 1.0 - edges[..., 3]  # the bound, from the share of the constant torque
         by_torque = _highest_corner(edges)
     with np.errstate(divide="ignore"):
         by_speed = (speed_limit / np.abs(required.speed)).min(axis=1)
