@@ -279,7 +279,7 @@ class SpeedSpace(NamedTuple):
         return duration
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Blend coefficients `quick` and `slow` (size,) to a duration [s] between those of both.
+        """Blend coefficients `quick` and `slow` (size,) to a duration [s] in between.
 
         The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
         method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
