@@ -44,13 +44,13 @@ Beyond these names:
   `framework.kinematics.velocity_matrices`: also the derivatives of a pose along them;
 * `framework.laws.law`, `framework.laws.path`: what laws and paths of one's own have to be;
 * `framework.model.beams`: springs from a beam's section; `framework.dynamics.stiffness`,
-  `framework.dynamics.loading`, `framework.dynamics.vibrations`: what they do;
+  `framework.dynamics.loading`: what they do;
 * `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins
   and the nearest pose to one out of reach, dimensions;
   `framework.atlas.nonsingular_mode_change`: a way from one assembly mode to another;
   `framework.proofs.assembly_modes`: all modes of given motors, proved;
 * `framework.kinematics.continuation.forward_kinematics`: poses of many motor angles at once;
-  `framework.dynamics.forward_derivatives`: derivatives of accelerations;
+  `framework.dynamics.forward_dynamics`: derivatives of accelerations;
   `framework.dynamics.finite_differences`: torques without a proof;
 * `framework.show.plots`, `framework.show.map`, `framework.show.drawing`: figures;
   `framework.show.jupyter`: robots and plans in notebooks;

@@ -34,7 +34,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.forward_dynamics import forward_derivatives
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice

@@ -34,7 +34,7 @@ from framework.dynamics.loaded_balance import (
     spring_units,
 )
 from framework.kinematics.continuation.tracking import Branch
-from framework.laws.clock import Clock, OnParameter
+from framework.laws.optimal_law import Clock, OnParameter
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes

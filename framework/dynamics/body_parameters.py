@@ -11,14 +11,14 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import JointMotion
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.tree_model import link_axes
 from framework.numerics.arrays import Array, IntArray, read_only
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_INERTIA_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # indices of Ixx .. Izz in I
+_ENTRIES = np.tril_indices(3)  # rows and columns in I of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
 
 @lru_cache(maxsize=64)
@@ -33,11 +33,11 @@ def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
     return tuple(names), read_only(np.concatenate([link_parameters(robot.model, j) for j in bodies]))
 
 
-def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
+def tree_regressor(robot: Mechanism, motion: Motion, bodies: IntArray | None = None) -> Array:
     """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by inertial parameters.
 
     Args:
-        bodies: (b,) pinocchio indices of the joints that carry the bodies, all by default.
+        bodies: (b,) pinocchio indices of the joints that carry the bodies; all bodies by default.
     """
     model, data = robot.model, scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
@@ -46,21 +46,16 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
         all_columns = pin.computeJointTorqueRegressor(model, data, q, v, a)  # (nv, 10 (njoints - 1))
         regressor[k] = all_columns.reshape(model.nv, -1, 10)[:, bodies - 1]
     # pinocchio's parameters are on the axes of joints, ours on the axes of links
-    transforms = _joint_to_link_transforms(robot)
-    for i, body in enumerate(bodies.tolist()):
-        if body in transforms:
-            regressor[:, :, i] = regressor[:, :, i] @ transforms[body]
-    return regressor.reshape(*regressor.shape[:2], -1)
+    transforms = _link_to_joint_transforms(robot)[bodies - 1]  # (b, 10, 10)
+    on_link_axes = regressor[:, :, :, None] @ transforms
+    return on_link_axes.reshape(*regressor.shape[:2], -1)
 
 
 @lru_cache(maxsize=64)
-def _joint_to_link_transforms(robot: Mechanism) -> dict[int, Array]:
-    """Return the matrices (10, 10) from parameters on link axes to joint axes.
-
-    The keys are joint indices. Joints whose axes coincide with those of the link have no entry.
-    """
-    axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
-    return {j: parameter_transform(pose) for j, pose in axes.items() if not pose.isIdentity(0.0)}
+def _link_to_joint_transforms(robot: Mechanism) -> Array:
+    """Return the matrices (bodies, 10, 10) from parameters on link axes to parameters on joint axes."""
+    joints = range(1, robot.model.njoints)
+    return np.stack([parameter_transform(link_axes(robot.model, j)) for j in joints])
 
 
 def link_of(model: pin.Model, j: int) -> str:
@@ -71,25 +66,23 @@ def link_of(model: pin.Model, j: int) -> str:
 
 
 def link_parameters(model: pin.Model, j: int) -> Array:
-    """Return the inertial parameters (10,) of joint j's body on link axes.
-
-    Moments are about the joint's origin.
-    """
+    """Return the inertial parameters (10,) of joint j's body on link axes, about the joint's origin."""
     return link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters()
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """Return the pseudo-inertia (..., 4, 4) of inertial parameters (..., 10).
+    """Return the pseudo-inertia (..., 4, 4) of inertial parameters (..., 10), in the order of `INERTIAL`.
 
     It is [[S, m c], [(m c)', m]] with the mass m, the centre of mass c, the inertia I and the second moments
     S = int r r' dm = tr(I) / 2 - I. It is positive semidefinite if and only if the body is physically
     possible (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018).
     """
-    matrix = np.zeros((*parameters.shape[:-1], 4, 4))
+    rows, columns = _ENTRIES
     inertia = np.zeros((*parameters.shape[:-1], 3, 3))
-    for k, (i, j) in enumerate(_INERTIA_ENTRIES):
-        inertia[..., i, j] = inertia[..., j, i] = parameters[..., 4 + k]
+    inertia[..., rows, columns] = inertia[..., columns, rows] = parameters[..., 4:]
     half_trace = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)
+
+    matrix = np.zeros((*parameters.shape[:-1], 4, 4))
     matrix[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - inertia
     matrix[..., :3, 3] = matrix[..., 3, :3] = parameters[..., 1:4]
     matrix[..., 3, 3] = parameters[..., 0]
@@ -98,12 +91,12 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 def from_pseudo_inertia(matrix: Array) -> Array:
     """Return the inertial parameters (..., 10) of a pseudo-inertia (..., 4, 4), with I = tr(S) - S."""
+    rows, columns = _ENTRIES
     second_moments = matrix[..., :3, :3]
     trace = np.trace(second_moments, axis1=-2, axis2=-1)
     inertia = trace[..., None, None] * np.eye(3) - second_moments
-    mass, first_moment = matrix[..., 3, 3], np.moveaxis(matrix[..., :3, 3], -1, 0)
-    entries = [inertia[..., i, j] for i, j in _INERTIA_ENTRIES]
-    return np.stack([mass, *first_moment, *entries], axis=-1)
+    mass, first_moments = matrix[..., 3, 3:], matrix[..., 3, :3]
+    return np.concatenate([mass, first_moments, inertia[..., rows, columns]], axis=-1)
 
 
 def parameter_transform(placement: pin.SE3) -> Array:

@@ -2,14 +2,14 @@
 
 T = dq/dx' are the joint rates for unit rates of the platform's coordinates x. G = n T_a are the motors'
 speeds for these rates, with the gear ratio n. r are the forces of the open tree, J is the Jacobian of the
-loop equations and lambda are the loop forces (`forces`). The motor torques t solve G' t = T' r, and their
-changes solve
+loop equations and lambda are the loop forces (`forces`). The motor torques t solve G' t = T' (r + rotors),
+and their changes solve
 
-    G' dt = T' d(r - J' lambda)          at fixed lambda.
+    G' dt = T' d(r + rotors - J' lambda)          at fixed lambda.
 
-The right side needs the change of the open tree's forces (`force_changes`) along the change of the joints'
-motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors t is the solution of least
-norm, t = G k with k (n,), and dt = dG k + G dk.
+The right side needs the change of the forces (`forces.driven_force_changes`) along the change of the joints'
+motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors the part of t that drives
+bodies is the solution of least norm, t = G k with k (n,), and dt = dG k + G dk.
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ from functools import cached_property
 import numpy as np
 
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
-from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import (
+    driven_force_changes,
+    joint_forces,
     least_motor_torques,
-    loop_multipliers,
     motor_torque,
-    tree_forces,
 )
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
@@ -91,28 +90,31 @@ def dynamics_derivatives(
     require_turns_at_rest(robot)
     motion = prescribed.motion
     require_hold(robot, motion.linearised, prescribed.x)
-    rates = prescribed.x, prescribed.dx, prescribed.ddx
-    changes = coordinate_changes(robot, motion, robot.structure.idle, rates)
+    rate, acceleration, _ = prescribed.rates
+    changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, rate, acceleration))
     motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
-    r = tree_forces(robot, motion)
-    joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
-    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    force_change = force_changes(robot, motion, multipliers, changes).swapaxes(2, 3)
-    wrench_slopes = motions @ force_change  # (3, T, n, k), T' d(r - J' lambda)
+    joint_torque = joint_forces(robot, motion).joint_torque
+
+    # slopes (3, T, n_a, k) of the torques by x, dx and ddx: those of the rotors and, if redundant, dG k
     accelerations = changes.accelerations[..., robot.actuated]
-    # slopes (3, T, n_a, k) of the torques by x, dx and ddx, beginning with those of the rotors
     slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
-        # dt = dG k + G dk, where G' G dk = T' d(r - J' lambda) - G' dG k; only x changes G
-        dG_k = _redundant_torque_changes(robot, motion, prescribed.x, speeds, joint_torque)
-        slopes[0, ..., : robot.n] += dG_k
-        wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
-    slopes += least_motor_torques(robot, speeds, wrench_slopes)
+        slopes[0, ..., : robot.n] += _redundant_torque_changes(
+            robot, motion, prescribed.x, speeds, joint_torque
+        )
+    # the motors balance the other part of the wrench T' d(r + rotors - J' lambda) on the platform
+    force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
+    slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
+
     slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
-    torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
     return DynamicsDerivatives(
-        torque, torque_x=slopes[0], torque_dx=slopes[1], torque_ddx=slopes[2], _robot=robot, _motion=motion
+        torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
+        torque_x=slopes[0],
+        torque_dx=slopes[1],
+        torque_ddx=slopes[2],
+        _robot=robot,
+        _motion=motion,
     )
 
 
@@ -126,6 +128,7 @@ def _redundant_torque_changes(
 
     Args:
         speeds: G' (T, n, n_a).
+        joint_torque: torques (T, n_a) on the joint side, without those of the rotors.
     """
     torque = joint_torque / robot.gear_ratio
     k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]

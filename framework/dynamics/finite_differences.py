@@ -47,6 +47,7 @@ def finite_difference_torques(
     """Compute torques at equidistant instants, with rates of motors and springs by finite differences.
 
     Args:
+        robot, path, law: as for `inverse_dynamics`.
         samples: number of instants.
         geometry: "rigid" or "deformed", as for `inverse_dynamics`.
         passes: number of times that deflections are computed from forces, with deformed geometry.
@@ -64,14 +65,15 @@ def finite_difference_torques(
     q_e = np.zeros((samples, robot.n_e))
     motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # springs at rest
     forces = joint_forces(robot, motion)
-    # With rigid geometry the deflections shift the motor angles in a single pass; the forces stay those of
-    # the rigid robot.
+
+    # with rigid geometry a single pass shifts the motor angles, and the forces stay those of the rigid robot
     pass_count = passes if geometry == "deformed" else min(robot.n_e, 1)
     for k in range(pass_count):
+        if k > 0:
+            forces = joint_forces(robot, motion)
         q_e = -forces.spring_force / robot.stiffness
         motion = motion_with_deflections(branch, times, law, (q_e, *_differentiate_twice(q_e, times)))
-        if geometry == "deformed" and k < passes - 1:
-            forces = joint_forces(robot, motion)
+
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
     _, acceleration = _differentiate_twice(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
@@ -80,5 +82,5 @@ def finite_difference_torques(
 
 def _differentiate_twice(values: Array, times: Array) -> tuple[Array, Array]:
     """Compute two time derivatives of values (T, k) by differences of second order."""
-    first = np.gradient(values, times, axis=0, edge_order=2)
-    return first, np.gradient(first, times, axis=0, edge_order=2)
+    slopes = np.gradient(values, times, axis=0, edge_order=2)
+    return slopes, np.gradient(slopes, times, axis=0, edge_order=2)

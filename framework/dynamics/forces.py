@@ -1,4 +1,4 @@
-"""Generalised forces of the open tree, and the loop, spring and motor forces that balance them.
+"""Generalised forces of the open tree, the forces that balance them, and their first-order changes.
 
 r is the inverse dynamics of the tree (RNEA) less the generalised forces of external wrenches, J is the
 Jacobian of the loop equations, and lambda are the forces in the loops. Then
@@ -10,6 +10,13 @@ Jacobian of the loop equations, and lambda are the forces in the loops. Then
 At a Type 2 singularity P eta = 0 for some joint rates eta, so lambda exists only if eta . r_p = 0. This is
 condition (8) with the inertia of all bodies, legs included, and with external wrenches. With massless legs
 eta . r_p = t_s . W_p, the form in the paper (Briot and Arakelian 2010).
+
+To first order and at constant lambda, a change of the motion changes the right sides by
+
+    d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
+
+lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
+dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
 """
 
 from __future__ import annotations
@@ -19,10 +26,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frames import difference, forces_on_joints, scratch_of
+from framework.kinematics.closures import loop_force_changes
+from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
+from framework.kinematics.frames import difference, forces_on_joints, forces_on_joints_slope, scratch_of
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, freeze_deflections
+from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
@@ -84,17 +92,14 @@ def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Ar
 def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
-    It is linear in accelerations and quadratic in rates. The difference of `tree_forces` with and without
+    It is linear in accelerations and quadratic in rates. A difference of `tree_forces` with and without
     motion would lose digits where gravity dominates.
     """
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
 def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """Return the motion that causes inertial forces.
-
-    Deflections are constant for a robot without `elastic_inertia`.
-    """
+    """Return the motion that causes inertial forces: without `elastic_inertia`, deflections are constant."""
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
@@ -103,7 +108,8 @@ def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
 def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
 
-    `model` is the robot's model, or the copy of it without gravity.
+    Args:
+        model: `robot.model`, or its copy without gravity, `robot.weightless`.
     """
     data = scratch_of(robot).data
     forces = np.empty((len(motion.q), model.nv))
@@ -129,7 +135,7 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
-    """Compute joint torques and spring forces along a motion, instant by instant; see `balanced_forces`."""
+    """Compute joint torques (T, n_a) and spring forces (T, n_e) of a motion; see `balanced_forces`."""
     return balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
 
 
@@ -147,12 +153,15 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
     columns = robot.moving  # actuated, then passive
-    # one right side for r, and one for the unit torque of each motor
+    # one right side for r, then one for the unit torque of each motor
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
     balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m): [w; lambda]
-    w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
+    of_tree, of_motors = balancing[0], balancing[1:]
+    w = of_tree[:, : robot.n]  # (T, n)
+    M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
+
     if robot.n_a == robot.n:
         torque = solve(M, w)
     else:  # least in norm on the motor side
@@ -160,9 +169,10 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
         torque = robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
+
     with np.errstate(invalid="ignore"):  # an infinite torque gives NaN
         # [w; lambda_0] - [M; Lambda] tau
-        multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
+        multipliers = of_tree - np.einsum("atk,ta->tk", of_motors, torque)
     multipliers[:, : robot.n] = 0.0  # w - M tau is rounding
     to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)
     return Forces(torque, r[:, robot.elastic] - matvec(to_springs, multipliers))
@@ -188,9 +198,13 @@ def loop_multipliers(
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
     """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for torques of least norm.
 
-    With the QR factorisation matrix' = Q R, the solution for redundant motors is Q R'^-1 wrenches. Rows of
-    forces are multiplied by the robot's length, so that all rows are moments. Otherwise the moments of a
-    small robot would lose digits beside its forces.
+    Row i of the matrix contains the component of the platform wrench on axis i by unit motor torques, and k
+    counts right sides. With the QR factorisation matrix' = Q R, the solution for redundant motors is
+    Q R'^-1 wrenches. Rows of forces are multiplied by the robot's length, so that all rows are moments.
+    Otherwise the moments of a small robot would lose digits beside its forces.
+
+    Returns:
+        Torques (..., T, n_a, k), motor side.
     """
     if robot.n_a == robot.n:
         return solve(matrix, wrenches)
@@ -200,10 +214,68 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
-    """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques and rotor inertia.
+    """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques (T, n_a) and rotors.
 
     tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c) of the paper, with the gear ratio n and ddq_a on
     the joint side.
     """
     n = robot.gear_ratio
     return robot.rotor_inertia * n * motion.a[:, robot.actuated] + joint_torque / n
+
+
+def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
+    """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
+
+    Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
+    pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
+    """
+    data, nv = scratch_of(robot).data, robot.nv
+    by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        pin.computeRNEADerivatives(robot.model, data, q, v, a)
+        by_q[k], by_v[k], by_a[k] = data.dtau_dq, data.dtau_dv, data.M
+    if robot.joint_stiffness.any():
+        by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
+    by_v += np.diag(robot.joint_damping)
+    for wrench in motion.wrenches:
+        by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
+    return by_q, by_v, by_a
+
+
+def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
+    """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
+
+    A step of positions with closed loops also changes rates and accelerations, and a step of rates also
+    changes accelerations.
+
+    Args:
+        multipliers: (T, m) the constant lambda of the independent loop equations.
+        changes: changes of q, v and a by unit steps of k coordinates.
+    """
+    linearised, dq = motion.linearised, changes.q
+    by_q, by_v, mass = force_slopes(robot, motion)
+    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
+    of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
+
+    # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
+    changed = changes.accelerations @ mass
+    changed[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # rates change by steps of q and of v
+    changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # positions change by steps of q alone
+    return changed
+
+
+def driven_force_changes(
+    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
+) -> Array:
+    """Compute `force_changes` (3, T, k, nv), rotors and springs included.
+
+    Args:
+        joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
+        changes: changes of q, v and a by unit steps of k coordinates.
+    """
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
+    changed = force_changes(robot, motion, multipliers, changes)
+    changed += robot.rotors * changes.accelerations
+    changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
+    return changed

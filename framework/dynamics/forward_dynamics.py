@@ -1,27 +1,46 @@
-"""Forward dynamics: accelerations under motor torques, and the forces in loops and joints.
+"""Forward dynamics: accelerations under motor torques, regular at Type 2, and their exact derivatives.
 
 The accelerations come from the simulation (`simulation.consistent_states`) and are regular at Type 2. The
 forces in loops and joints are computed as for a prescribed motion (`Instant`).
+
+For the derivatives, the coordinates y of the robot with closed loops are those of the platform and the
+deflections. T = dq/dy are the joint rates for unit rates of y. r are the forces of the open tree, lambda the
+loop forces, tau the motor torques, n the gear ratio, and S selects the actuated columns. The equations of
+motion, and their changes at fixed lambda, are
+
+    T' (r + rotors + springs - S' n tau) = 0,
+    T' d(r - J' lambda + rotors + springs) = T' S' n dtau.
+
+`driven_force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the
+inertia, which is regular at a Type 2 singularity.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
-from framework.dynamics.reactions import apply_wrenches, stack_wrenches, stacked_rows
+from framework.dynamics.forces import Forces, driven_force_changes, tree_forces
+from framework.dynamics.instant import (
+    Instant,
+    apply_wrenches,
+    entry_of,
+    instant_of,
+    stack_rows,
+    stack_wrenches,
+)
 from framework.errors import InvalidInput
+from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at, scaled_loops
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.motion_rates import Motion, MotionChanges, coordinate_changes, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.ordered_sums import matvec
+from framework.kinematics.platform import CoordinateRates
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import FILE_ROUNDING
@@ -62,8 +81,8 @@ def forward_dynamics(
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rates = stacked_rows("v", v, robot.nv, count)
-    torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
+    rates = stack_rows("v", v, robot.nv, count)
+    torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = np.zeros((count, robot.nv))
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
@@ -89,7 +108,7 @@ def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates v (T, nv) that open the loops: J v must be zero but for rounding."""
+    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding."""
     speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
     loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
     opening_rows = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
@@ -100,3 +119,122 @@ def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
             f"v{row}: the loops of {robot.name} open with {loop_rates[first]:.3g} rad/s or robot "
             f"lengths/s; see `dynamics_at`"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardDerivatives(ReadOnlyArrays):
+    """Accelerations of one state under motor torques, and their derivatives.
+
+    The d coordinates y are the platform's x (n,) and, for an elastic robot, the deflections (n_e,). Each
+    derivative varies one of positions, rates and torques. Torques are on the motor side, motor accelerations
+    on the joint side of the gears. For a stack of T states the first axis of every array is T.
+    """
+
+    acceleration: Array  # (d,) y"
+    acceleration_y: Array  # (d, d) by y
+    acceleration_dy: Array  # (d, d) by y'
+    acceleration_torque: Array  # (d, n_a) per N m, N
+    motor: Array  # (n_a,) accelerations of the motors' joints
+    motor_y: Array  # (n_a, d)
+    motor_dy: Array  # (n_a, d)
+    motor_torque: Array  # (n_a, n_a)
+
+
+def forward_derivatives(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    v: ArrayLike,
+    torque: ArrayLike,
+    *,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+    turning: Collection[str] = (),
+) -> ForwardDerivatives:
+    """Compute the derivatives of `forward_dynamics`, assembled at q (nq,) with joint rates v (nv,).
+
+    Args:
+        q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
+        turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
+            keep their components on base axes.
+
+    Raises:
+        InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
+            mass, for which torques do not determine the acceleration.
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
+    """
+    expect_robot(robot)
+    require_square(robot)
+    instant = forward_dynamics(robot, q, v, torque, wrenches=wrenches)
+    if not np.isfinite(instant.a).all():
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: some motion has no mass, so that torques do not tell its "
+            f"acceleration; give the links of the springs mass, or leave the springs out"
+        )
+    motion = instant._motion
+    motion = motion.with_wrenches(
+        tuple(wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    )
+    x, dx, ddx = platform_rates_of(robot, motion)
+    others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
+    changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
+    force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+    d = robot.n + robot.n_e
+    slopes = _acceleration_slopes(robot, changes, force_change, d)
+    motor_slopes = _motor_slopes(robot, changes, slopes, d)
+    fields = (  # in the order of ForwardDerivatives, for all T states
+        np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1),
+        *(slope[:, :d] for slope in slopes),  # without idle joints
+        motion.a[:, robot.actuated],
+        *motor_slopes,
+    )
+    return ForwardDerivatives(*(stack[entry_of(q)] for stack in fields))
+
+
+def _acceleration_slopes(
+    robot: ParallelRobot, changes: MotionChanges, force_change: Array, d: int
+) -> list[Array]:
+    """Compute the derivatives (T, k, d or n_a) of k accelerations by y, dy and torque.
+
+    The k accelerations are y" and those of the idle joints.
+
+    Args:
+        changes: by unit steps of y and of the idle joints.
+        force_change: changes (3, T, k, nv) of the generalised forces by unit steps of k positions, rates and
+            accelerations.
+        d: number of coordinates y.
+    """
+    motions = changes.q  # (T, k, nv) joint rates for unit rates
+    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
+    by_torque = robot.gear_ratio * motions[..., robot.actuated]
+    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)
+    return [np.linalg.solve(inertia, right_side) for right_side in right_sides]
+
+
+def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Array], d: int) -> list[Array]:
+    """Compute the derivatives (T, n_a, d or n_a) of motor accelerations by y, dy and torque.
+
+    By the chain rule they are the partial derivatives by y and dy, plus the partial derivatives by y" times
+    the derivatives `slopes` of y".
+
+    Args:
+        changes, d: as for `_acceleration_slopes`, which returns `slopes`.
+    """
+    by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
+    motor_slopes = [by_ddy @ slope for slope in slopes]
+    motor_slopes[0] += by_y[..., :d]
+    motor_slopes[1] += by_dy[..., :d]
+    return motor_slopes
+
+
+def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
+    """Compute the platform's coordinates x and their derivatives dx, ddx, each (T, n), of a motion.
+
+    The twist is v = E(x) dx and its rate is E ddx + E' dx. Both equations are solved with E.
+    """
+    platform = robot.platform
+    x = platform.coordinates(motion.linearised.frames)
+    twist, twist_rate = platform_twists(robot, motion)
+    E = platform.rate_matrix(x)
+    dx = solve(E, twist)
+    _twist, quadratic_terms = platform.twist(x, dx)  # E' dx
+    ddx = solve(E, twist_rate - quadratic_terms)
+    return x, dx, ddx

@@ -25,10 +25,14 @@ from framework.dynamics.elasticity import (
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.motion_checks import (
+    check_idle_joints,
+    measure_residuals,
+    unresolved_error,
+    unseen_near_miss,
+    unsettled_error,
+)
 from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
-from framework.dynamics.near_misses import unseen_near_miss
-from framework.dynamics.refusals import unresolved_error, unsettled_error
-from framework.dynamics.residuals import check_idle_joints, measure_residuals
 from framework.dynamics.restoration import deflections_of
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
@@ -120,6 +124,10 @@ def resolve_law(
 
     Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`).
 
+    Args:
+        geometry: "rigid" or "deformed".
+        tolerance, friction: as for `inverse_dynamics`.
+
     Raises:
         NoAnswer: as `inverse_dynamics`.
     """
@@ -167,9 +175,13 @@ def resolve(
 ) -> InverseDynamics:
     """Compute torques on finer and finer grids until their series are resolved.
 
+    A grid that does not resolve torques or deflections is followed by a finer one, unless finer grids are
+    known not to help. A resolved motion must pass all checks.
+
     Args:
         choose_law: a function of the deflections and of the previous law that returns the law to follow. For
-            None it returns the law for springs at rest.
+            None and None it returns the law for springs at rest.
+        geometry, tolerance, friction: as for `resolve_law`.
         known: known deflections; None to solve for the deflections.
 
     Raises:
@@ -221,7 +233,10 @@ def resolve(
 
 @dataclass
 class _Refinement:
-    """The state of the computation between grids: the results so far."""
+    """The state of the computation between grids: the results so far.
+
+    The first five fields are arguments of `resolve`.
+    """
 
     searched: SearchedPath
     choose_law: LawChoice
@@ -247,7 +262,8 @@ class _Refinement:
     def is_hopeless(self) -> bool:
         """Whether finer grids will not reduce the change of the deflections to the tolerance.
 
-        The change has stalled if neither of the last two grids has reduced it by the factor STALLED.
+        With known deflections no grid changes them. Otherwise the change has stalled if neither of the last
+        two grids has reduced it by the factor STALLED.
         """
         changes = [certificate.change for certificate in self.certificates]
         if changes[-1] <= self.tolerance:
@@ -257,6 +273,8 @@ class _Refinement:
 
     def solve(self, size: int) -> DeflectionSolution:
         """Solve for forces and deflections on a grid of `size` nodes per panel.
+
+        If the deflections have not settled, the next grid starts from rest.
 
         Raises:
             UnboundedTorque: the law violates condition (8).
@@ -293,7 +311,11 @@ class _Refinement:
         return state
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
-        """Return whether the grid resolves the torques of the undeformed robot, or no grid does."""
+        """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
+
+        Args:
+            at_rest: the pass with springs at rest.
+        """
         if grid.size >= SIZES[-1]:
             return True
         if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
@@ -351,6 +373,10 @@ def _check_result(
 ) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
+    Args:
+        state: motion and forces on the nodes of the grid.
+        friction: "driven" or "none".
+
     Raises:
         UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
@@ -380,7 +406,9 @@ def check_law(law: MotionLaw) -> None:
 
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
-    """Return whether the series through the law's values at the nodes agrees with the law elsewhere.
+    """Return whether the series through the law's values at the nodes of a grid agrees with the law.
+
+    The derivatives of a user's own law are compared with those of the series.
 
     Raises:
         InvalidInput: a derivative of the law is not that of the series.
@@ -409,7 +437,7 @@ def _largest_tail(
     robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections."""
-    # torques may vanish, as at constant speed; their rounding (n_a,) [N m] is relative to the kinetic energy
+    # torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy
     kinetic_energy = robot.mass * (robot.length / state.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
@@ -420,7 +448,7 @@ def _largest_tail(
 
 
 def _end_speed(robot: ParallelRobot, v: Array) -> float:
-    """Compute the largest motor speed at the ends, relative to the largest of all.
+    """Compute the largest motor speed at both ends, relative to the largest of the motion.
 
     `v` (T, nv) are the joint rates.
     """

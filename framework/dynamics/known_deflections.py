@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.laws.clock import Clock
+from framework.laws.optimal_law import Clock
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 from framework.numerics.banded_rows import BandedFactor, banded_rows
 from framework.numerics.splines import find_intervals, spline_values

@@ -26,8 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.force_changes import force_changes
-from framework.dynamics.forces import Forces, mass_matrices, tree_forces
+from framework.dynamics.forces import Forces, force_changes, mass_matrices, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.continuation.tracking import Branch

@@ -42,13 +42,12 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, assign, select
 from framework.numerics.ordered_sums import dot, matmul, matvec, solve
-from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
+from framework.tolerances import BRANCH_STEP_SHARE, EIGENVALUE_ROUNDING, NEWTON_STEP
 
-MAX_CORRECTION_RATIO = 0.25  # correction over step; a larger correction may reach another branch
 # Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
 # tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
 MAX_SHARE_GAP = 0.1
-UNCHECKED_MOTION = 1e-7  # [rad, robot lengths] steps below this are too short for a fold
+UNCHECKED_MOTION = 1e-7  # [rad, robot lengths] shorter steps are too short for a fold, and are not halved
 MAX_STEPS = 1000  # along the curve; most robots take one, and steps of 0.1 rad soon exceed any deflection
 MAX_ITERATIONS = 8  # of Newton's method in a step
 
@@ -122,8 +121,12 @@ class _StepEnds(NamedTuple):
 def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = None) -> LoadedStack:
     """Follow equilibria under growing weight and wrench from unloaded assembled configurations q (T, nq).
 
+    Each configuration takes steps of its own. An accepted step doubles the next one, a refused step is
+    halved and tried again. A configuration is followed until it has a reason to stop, or until a refused step
+    is too short to be halved.
+
     Args:
-        wrench: external wrench ON the platform, see `platform_stiffness`.
+        wrench: external wrench (n,) ON the platform, see `platform_stiffness`.
 
     Raises:
         InvalidInput: the robot has no springs, or the wrench has no potential.
@@ -148,20 +151,22 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
         assign(current, live[ends.accepted], select(ends.points, ends.accepted))
         reason[live] = _stop_reasons(robot, ends)
+
         folding = np.flatnonzero(ends.has_fold)
-        if len(folding):
+        if len(folding):  # solve for the turning point of the share, where the robot snaps through
             folds = _find_folds(robot, select(start, folding), live_load.select(folding))
             rows = live[folding[folds.found]]
             current.q[rows] = folds.q[folds.found]
             current.share[rows] = folds.share[folds.found]
             reason[rows] = LoadReason.GIVES_WAY
-        can_halve = ~(ends.size <= UNCHECKED_MOTION)  # NaN too
+
+        can_halve = ~(ends.size <= UNCHECKED_MOTION)  # also for NaN
         live = live[(ends.accepted | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
     return _loaded_stack(robot, q, current, reason, load)
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
-    """Return the reason (T,) to stop after each step; NOT_CONVERGED to continue."""
+    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue."""
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
     reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
@@ -175,13 +180,13 @@ def _loaded_stack(
 ) -> LoadedStack:
     """Return the stack reached from q (T, nq), with stiffness under load.
 
-    A load carried in another assembly mode than that of q changes its reason to OTHER_MODE.
+    A load carried in another assembly mode than that of q changes its `reason` (T,) to OTHER_MODE.
     """
-    start, end = linearised_at(robot, q, None), linearised_at(robot, reached.q, None)
-    _, start_sign = mode_signs(robot, start)  # of the assembly mode
+    end = linearised_at(robot, reached.q, None)
+    _, start_sign = mode_signs(robot, linearised_at(robot, q, None))  # of the assembly mode
     _, end_sign = mode_signs(robot, end)
-    changes_mode = end_sign != start_sign
-    reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
+    is_other_mode = end_sign != start_sign
+    reason[is_other_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
     free = compliant_motions(robot, end, reached.q)
     free = free._replace(K=tangent_stiffness(robot, end, reached.q, free.Z, load))
     return LoadedStack(reached.q, reason, reached.share, free)
@@ -192,6 +197,9 @@ def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArr
 
     A tangent is the derivative dq/dshare = null dz/dshare of the moving joints. On the null space of the
     closures H dz/dshare = -drive is solved by the eigenvalues of H, with a lower bound at rounding.
+
+    Args:
+        H, drive, null: fields of `Balance`.
     """
     values, vectors = np.linalg.eigh(H)  # (T, d) ascending, (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
@@ -205,19 +213,19 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     """Find the equilibria one step (T,) [rad, lengths] further on the curve.
 
     A step ends at the whole load if that is nearer. If the curve leads beyond the whole load, the next step
-    leads back. There is no fold within a step if the gain of the share agrees with the mean of the slopes at
-    both ends, times the length of the step.
+    leads back. A step is straight, without a fold, if the gain of the share agrees with the mean of the
+    slopes at both ends, times the length of the step. The slope is that of the share along the tangent.
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = 1.0 / dot(ahead.tangent, start.rate)  # of the share along the tangent, at the start
+        start_slope = 1.0 / dot(ahead.tangent, start.rate)
         end_slope = 1.0 / dot(ahead.tangent, end.points.rate)
-        mean_gain = 0.5 * end.length * (slope + end_slope)
-        largest_gain = np.abs(end.length * np.maximum(np.abs(slope), np.abs(end_slope)))
+        mean_gain = 0.5 * end.length * (start_slope + end_slope)
+        largest_gain = np.abs(end.length * np.maximum(np.abs(start_slope), np.abs(end_slope)))
         gap = np.abs(end.points.share - start.share - mean_gain)
         is_straight = gap <= MAX_SHARE_GAP * largest_gain
-        turns_back = slope * end_slope < 0.0
+        turns_back = start_slope * end_slope < 0.0
     on_curve = end.converged & (is_straight | (ahead.size <= UNCHECKED_MOTION))
     is_unstable = on_curve & ~end.is_stable
     return _StepEnds(
@@ -230,9 +238,12 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
 
 
 def _predict_steps(start: _Points, step: Array) -> _Prediction:
-    """Compute steps of at most `step` (T,) [rad, lengths] along the tangents, up to the whole load."""
+    """Compute steps of at most `step` (T,) [rad, lengths] from `start` along the tangents.
+
+    A step ends at the whole load if that is nearer.
+    """
     remaining = 1.0 - start.share
-    size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
+    size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)  # of a step to the whole load
     fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share
     motion = start.rate * (remaining * fraction)[:, None]
     length = np.linalg.norm(motion, axis=1, keepdims=True)
@@ -243,28 +254,30 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
 
 
 def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
-    """Correct predicted steps to the curve by Newton's method.
+    """Correct predicted steps `ahead` of the points `start` to the curve by Newton's method.
 
     A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
-    It gets one more iteration, to rounding, because the tangent of a soft robot needs this accuracy.
+    It gets one more iteration, to rounding, because the tangent of a soft robot needs this accuracy. A step
+    whose corrections are large beside the step itself is given up, since it may lead to another branch.
     """
     end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
     length = np.linalg.norm(ahead.step, axis=1)
     correction = np.zeros(len(length))  # largest entries of all Newton steps so far, [rad, lengths]
     was_small, converged, is_stable = np.zeros((3, len(length)), dtype=bool)
-    live = np.arange(len(length))
+    live = np.arange(len(length))  # indices of the steps still corrected
     for _ in range(MAX_ITERATIONS):
         state = balance(robot, end.q[live], load.select(live)._replace(share=end.share[live]))
         step, gain = _newton_step(state, ahead.tangent[live], ahead.is_whole[live])
 
         size = np.abs(step).max(axis=1)
         correction[live] += size
-        on_branch = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
+        on_branch = correction[live] <= np.maximum(BRANCH_STEP_SHARE * ahead.size[live], UNCHECKED_MOTION)
         step = np.where(on_branch[:, None], step, 0.0)
         end.q[live] = _move_joints(robot, end.q[live], step)
         end.share[live] += np.where(on_branch, gain, 0.0)
         length[live] += dot(ahead.tangent[live], step)
 
+        # store the steps that have converged, with their tangents
         is_small = size < NEWTON_STEP
         done = on_branch & is_small & (ahead.is_whole[live] | was_small[live])
         was_small[live] = is_small
@@ -282,23 +295,28 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share.
 
     On the null space of the closures it solves [H drive; border' 0] [dz; dshare] = [-slope; 0] with the
-    tangent as the border. Under the whole load the last row is dshare = 0.
+    tangent as the border. For a step to the whole load the last row is dshare = 0.
+
+    Args:
+        state: the distance from balance at the last iterate.
+        tangent: unit vectors (T, f) along the curve.
+        is_whole: whether (T,) the step leads to the whole load.
     """
     border = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    equilibrium_rows = [state.H, state.drive[:, :, None]]
+    first_rows = [state.H, state.drive[:, :, None]]
     last_row = [border[:, None], is_whole[:, None, None]]
     right_side = np.append(-state.slope, np.zeros((len(border), 1)), axis=1)
     with np.errstate(all="ignore"):  # a singular system gives infinite steps, which end the iteration
-        step = solve(np.block([equilibrium_rows, last_row]), right_side)
-        dz, dshare = step[:, :-1], step[:, -1]
+        solution = solve(np.block([first_rows, last_row]), right_side)
+        dz, dshare = solution[:, :-1], solution[:, -1]
         return state.closing + matvec(state.null, dz), dshare
 
 
 def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
-    """Find the turning points of the share ahead of points on the curve."""
+    """Find the turning points of the share on the curves ahead of the points `start`."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Evaluate F (T, f): the energy's slope along the null space Z, loop errors across Z.
+        """Evaluate F (T, f) at q and share: the energy's slope along the null space Z, loop errors across Z.
 
         Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is the scaled stiffness
         along Z and the identity across Z: 1 + Z (H / size - 1) Z'.
@@ -308,8 +326,9 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
         null = state.null
         along_null = state.H / size[:, None] - np.eye(null.shape[2])
         matrix = np.eye(null.shape[1]) + matmul(null, matmul(along_null, null.swapaxes(1, 2)))
-        drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
-        return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
+        by_share = matvec(null, state.drive / size)  # derivative of F by the share
+        F = matvec(null, state.slope / size) - state.closing
+        return CurveEquations(matrix, by_share, F, state.linearised)
 
     motors_at_rest = np.zeros((len(start.q), robot.nv))
     curves = Curves(robot, moving_columns(robot), motors_at_rest, evaluate)

@@ -17,19 +17,26 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.tolerances import AT_REST
 
-FRICTIONS = ("driven", "none")
+FRICTIONS = ("driven", "none")  # the first one is the default
 SPEED_SAMPLES = 1001  # instants at which signs are sampled; two reversals between samples stay unseen
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
-    """Return the dry friction (n_a,) [N m or N] of the motors, motor side; zero for "none"."""
+    """Return the dry friction (n_a,) [N m or N] of the motors, motor side.
+
+    Args:
+        friction: one of FRICTIONS: "driven" joints have friction, or "none".
+    """
     if friction == "none":
         return np.zeros(robot.n_a)
     return robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio)
 
 
 def speed_signs(speeds: Array) -> Array:
-    """Return the signs (T, n_a) of motor speeds (T, n_a), zero at a standstill."""
+    """Return the signs (T, n_a) of motor speeds (T, n_a), zero at a standstill.
+
+    A motor stands still below AT_REST times the largest speed of all motors and instants.
+    """
     size = np.abs(speeds)
     return np.where(size > AT_REST * size.max(initial=0.0), np.sign(speeds), 0.0)
 
@@ -48,9 +55,12 @@ class PlannedFriction(ReadOnlyArrays):
 
     @staticmethod
     def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Return the friction of `size` (n_a,) for motor speeds speed(t) (T, n_a).
+        """Return the friction along a motion; None if all sizes are zero.
 
-        None if all sizes are zero.
+        Args:
+            size: dry friction (n_a,) of the motors, motor side [N m or N].
+            speed: speeds (T, n_a) of the motors as a function of time (T,) [s].
+            duration: duration of the motion [s].
         """
         if not size.any():
             return None
@@ -63,15 +73,15 @@ class PlannedFriction(ReadOnlyArrays):
     def __call__(self, t: ArrayLike) -> Array:
         """Evaluate the torque (T, n_a) [N m] at t (T,), or (n_a,) at a scalar.
 
-        It is zero at the ends of intervals.
+        It is zero at the ends of intervals, and outside the motion.
         """
         times = np.asarray(t, dtype=float)
-        values = []
+        torques = []  # of each motor
         for instants, between in zip(self.instants, self.between, strict=True):
-            interval = np.clip(np.searchsorted(instants, times, side="right") - 1, 0, len(between) - 1)
-            outside = (times <= instants[0]) | (times >= instants[-1])
-            values.append(np.where(outside | np.isin(times, instants), 0.0, between[interval]))
-        return np.stack(values, axis=-1)
+            with_outside = np.pad(between, 1)  # zero before and after the motion
+            torque = with_outside[np.searchsorted(instants, times, side="right")]
+            torques.append(np.where(np.isin(times, instants), 0.0, torque))
+        return np.stack(torques, axis=-1)
 
 
 def _constant_sign_intervals(
@@ -98,7 +108,7 @@ def _constant_sign_intervals(
     if not len(moving):
         return t[[0, -1]], np.zeros(1)
     ends, signs = [t[0]], [sign[moving[0]]]
-    for i, j in pairwise(moving):  # successive samples in motion
+    for i, j in pairwise(moving):  # successive samples at which the motor moves
         if j - i > 2:  # a standstill between samples i and j
             ends += [t[i + 1], t[j - 1]]
             signs += [0.0, sign[j]]

@@ -28,7 +28,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     """
     in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
     if stated is None:
-        return _unlimited_where_none(list(in_file.values()))
+        stated = {}
     if isinstance(stated, Mapping):
         for joint in stated:
             if joint not in in_file:

@@ -12,22 +12,17 @@ feedback. These equations are regular at a Type 2 singularity.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.platform_wrench import platform_wrench
+from framework.dynamics.forces import driven_force_changes
 from framework.dynamics.result import InverseDynamics
-from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.motion_rates import coordinate_changes
 from framework.numerics.arrays import Array
 
 GROWTH_INSTANTS = 65  # instants at which the growth rate is integrated over the motion
-DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] of the difference quotient of wrenches
-# Exponents below which the growth is 1 but for rounding, and above which it overflows.
-MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
+MAX_HALF_EXPONENT = 150.0  # L / 2 of `open_loop_growth`, far below overflow
 
 
 class MotorControl(NamedTuple):
@@ -37,17 +32,12 @@ class MotorControl(NamedTuple):
     k_d: Array  # (n_a,) [N m s/rad]
 
     @staticmethod
-    def of(inertia: Array, frequency: Array | float, damping: float = 1.0) -> MotorControl:
-        """Return the gains for a natural frequency and a damping ratio.
+    def of(inertia: Array, frequency: Array | float) -> MotorControl:
+        """Return the gains for a natural frequency w [rad/s] with critical damping.
 
-        k_p = w^2 I and k_d = 2 damping w I.
-
-        Args:
-            inertia: I (n_a,) [kg m^2, kg] that each motor moves.
-            frequency: w [rad/s].
-            damping: damping ratio; 1 is critical.
+        k_p = w^2 I and k_d = 2 w I, with the inertia I (n_a,) [kg m^2, kg] that each motor moves.
         """
-        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * damping * frequency * inertia)
+        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * frequency * inertia)
 
     def torque(self, angle_error: Array, speed_error: Array) -> Array:
         """Compute the feedback (T, n_a) [N m] for errors (T, n_a) of motor angles and speeds."""
@@ -57,84 +47,79 @@ class MotorControl(NamedTuple):
 class ErrorDynamics(NamedTuple):
     """Matrices (T, n, n) of the dynamics of the platform's error d at T instants.
 
-    d" = forced (W - G' tau) + damped d' + own d.
+    d" = per_wrench (W - G' tau) + per_rate d' + per_error d.
     """
 
-    forced: Array  # -M^-1
-    damped: Array  # -M^-1 dW/d(dx/dt)
-    own: Array  # -M^-1 d(W - G' tau)/dx
+    per_wrench: Array  # -M^-1
+    per_rate: Array  # -M^-1 dW/d(dx/dt)
+    per_error: Array  # -M^-1 d(W - G' tau)/dx
 
     def with_control(self, control: MotorControl, motor_speed: Array) -> ErrorDynamics:
         """Return the dynamics under feedback of the motors.
 
+        The feedback adds the stiffness G' k_p G and the damping G' k_d G on the platform.
+
         Args:
+            control: gains of the motors.
             motor_speed: G (T, n_a, n), the motors' speeds for unit twists of the platform.
         """
         G_transposed = motor_speed.transpose(0, 2, 1)
         stiffness, damping = (G_transposed @ (gain[:, None] * motor_speed) for gain in control)
-        return ErrorDynamics(
-            self.forced, self.damped + self.forced @ damping, self.own + self.forced @ stiffness
+        return self._replace(
+            per_rate=self.per_rate + self.per_wrench @ damping,
+            per_error=self.per_error + self.per_wrench @ stiffness,
         )
 
 
 def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the dynamics of the platform's error at t (T,) by differences, at constant deflections.
+    """Compute the dynamics of the platform's error at t (T,), at constant deflections.
+
+    T = dq/dx are the joint rates for unit rates of the coordinates, and E maps rates of x to the twist. The
+    virtual work along x gives, with the forces r of the open tree and constant loop forces lambda,
+
+        E' d(W - G' tau) = T' d(r + torques of the rotors - J' lambda).
 
     Raises:
-        NotAssembled: the loops do not close beside the path.
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
     robot = result.robot
     x, dx, ddx = (result.platform(times, order) for order in range(3))
-    guess, torque = result.configuration(times), result.torque_without_friction(times)
-    s, on_path = result.law(times), close_loops(robot, x, guess)
+    motion = result.motion(times)
+    joint_torque = robot.gear_ratio * result.torque_without_friction(times)
+    joint_torque -= (robot.rotors * motion.a)[:, robot.actuated]
+    changes = coordinate_changes(robot, motion, robot.structure.idle, (x, dx, ddx))
+    force_change = driven_force_changes(robot, motion, joint_torque, changes)  # (3, T, k, nv)
 
-    def missing_wrench(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
-        """Compute W - G' tau (T, n)."""
-        external = result.wrenches.evaluate(robot, closed.linearised.frames, s)
-        motion = motion_at(robot, closed, dx, ddx).with_wrenches(external)
-        return platform_wrench(robot, motion).missing_wrench(torque)
-
-    # W is linear in d2x/dt2 and quadratic in dx/dt: central differences of any size are exact
-    inertia = _central_slopes(lambda step: missing_wrench(on_path, dx, ddx + step), np.ones(robot.n))
-    by_rate = _central_slopes(
-        lambda step: missing_wrench(on_path, dx + step, ddx), robot.platform_scale / result.duration
+    # of the k coordinates the first n are those of the platform, the others idle joints
+    force_change = force_change[:, :, : robot.n]
+    motions = changes.q[:, : robot.n]  # (T, n, nv) T'
+    # derivatives of E' (W - G' tau) by x, dx/dt and d2x/dt2, (T, n, n) each
+    by_x, by_rate, inertia = motions @ force_change.swapaxes(2, 3)
+    E_transposed = robot.platform.rate_matrix(x).swapaxes(1, 2)
+    inverse = np.linalg.inv(inertia)
+    return ErrorDynamics(
+        per_wrench=-inverse @ E_transposed, per_rate=-inverse @ by_rate, per_error=-inverse @ by_x
     )
-    by_x = _central_slopes(
-        lambda step: missing_wrench(close_loops(robot, x + step, guess), dx, ddx),
-        DIFFERENCE_STEP * robot.platform_scale,
-    )
-    forced = np.asarray(-np.linalg.inv(inertia))
-    return ErrorDynamics(forced=forced, damped=forced @ by_rate, own=forced @ by_x)
-
-
-def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
-    """Compute the Jacobian (T, n, n) of a function by central differences.
-
-    Args:
-        function: takes a step (n,) of the coordinates and returns values (T, n).
-        sizes: sizes (n,) of the steps along each coordinate.
-    """
-    steps = zip(np.diag(sizes), sizes, strict=True)
-    return np.stack([(function(step) - function(-step)) / (2.0 * size) for step, size in steps], axis=2)
 
 
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if no error grows.
 
-    The rates r of the solutions e^(rt) of d" = own d are the square roots of the eigenvalues of `own`.
+    The rates r of the solutions e^(rt) of d" = per_error d are the square roots of the eigenvalues of
+    `per_error`.
 
     Raises:
-        NotAssembled: the loops do not close beside the path.
+        NotAssembled: as `error_dynamics`.
     """
-    squares = np.linalg.eigvals(error_dynamics(result, times).own)
+    squares = np.linalg.eigvals(error_dynamics(result, times).per_error)
     return np.sqrt(squares.astype(complex)).real.max(axis=1)
 
 
 def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array) -> Array:
     """Compute the platform's error (T, n) [m, rad] for a missing wrench W - G' tau (T, n).
 
-    The state y = (d, d') satisfies y' = A y + f with f = (0, `forced` times the wrench), and starts at rest
-    on the path. It is integrated by the trapezoidal rule with steps h,
+    The state y = (d, d') satisfies y' = A y + f with f = (0, `per_wrench` times the wrench), and starts at
+    rest on the path. It is integrated by the trapezoidal rule with steps h,
 
         (1 - h/2 A_k) y_k = (1 + h/2 A_(k-1)) y_(k-1) + h/2 (f_(k-1) + f_k).
 
@@ -144,16 +129,18 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array
     """
     count, n = missing_wrench.shape
     y, f = np.zeros((2, count, 2 * n))
-    f[:, n:] = np.einsum("tij,tj->ti", dynamics.forced, missing_wrench)
+    f[:, n:] = np.einsum("tij,tj->ti", dynamics.per_wrench, missing_wrench)
     A = np.zeros((count, 2 * n, 2 * n))
     A[:, :n, n:] = np.eye(n)
-    A[:, n:, :n] = dynamics.own
-    A[:, n:, n:] = dynamics.damped
+    A[:, n:, :n] = dynamics.per_error
+    A[:, n:, n:] = dynamics.per_rate
+
     half_step = 0.5 * (times[1] - times[0])
-    explicit = np.eye(2 * n) + half_step * A
-    implicit = np.linalg.inv(np.eye(2 * n) - half_step * A)
+    at_start = np.eye(2 * n) + half_step * A  # matrices of the old state
+    inverse_at_end = np.linalg.inv(np.eye(2 * n) - half_step * A)
     for k in range(1, count):
-        y[k] = implicit[k] @ (explicit[k - 1] @ y[k - 1] + half_step * (f[k - 1] + f[k]))
+        forcing = half_step * (f[k - 1] + f[k])
+        y[k] = inverse_at_end[k] @ (at_start[k - 1] @ y[k - 1] + forcing)
     return y[:, :n]
 
 
@@ -163,7 +150,7 @@ def fall_exponent(result: InverseDynamics) -> float:
     It is the integral of the largest growth rate over the motion.
 
     Raises:
-        NotAssembled: the loops do not close beside the path.
+        NotAssembled: as `error_dynamics`.
     """
     times = np.linspace(0.0, result.duration, GROWTH_INSTANTS)
     return float(np.trapezoid(repelling_rates(result, times), times))
@@ -173,9 +160,8 @@ def open_loop_growth(exponent: float) -> float:
     """Compute the final error under a constant force, relative to that of a free mass.
 
     The error d" = r^2 d + f grows as d = f (cosh rt - 1) / r^2, and that of a free mass as d = f t^2 / 2.
-    With the exponent L = rt of `fall_exponent` their ratio is 2 (cosh L - 1) / L^2. It is 1 if no error
-    grows.
+    With the exponent L = rt of `fall_exponent` their ratio is 2 (cosh L - 1) / L^2 = (sinh(L/2) / (L/2))^2.
+    It is 1 if no error grows.
     """
-    if exponent <= MIN_EXPONENT:
-        return 1.0
-    return float(2.0 * (np.cosh(min(exponent, MAX_EXPONENT)) - 1.0) / exponent**2)
+    half = 0.5 * exponent
+    return float((np.sinh(min(half, MAX_HALF_EXPONENT)) / half) ** 2) if half > 0.0 else 1.0

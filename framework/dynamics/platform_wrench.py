@@ -7,9 +7,12 @@ Along a virtual twist v of the platform with closed loops and constant deflectio
 
 So W = G' tau is the wrench that the motion requires. It includes the inertia of the legs, and is W_p of the
 paper if the legs have no mass. G' maps the box of motor torques onto the zonotope of wrenches that the motors
-can exert.
-At a Type 2 singularity G t_s = 0: the zonotope has no width along t_s, and W must have no component along
-t_s. This is condition (8) of Briot and Arakelian 2010.
+can exert. Row k of G is the wrench of motor k for a torque of 1 N m: a force along a line or, on a platform
+that only turns, a moment about an axis.
+
+At a Type 2 singularity G t_s = 0. Then the zonotope has no width along t_s, all lines of the motors' forces
+are reciprocal to t_s (J.-P. Merlet, Parallel Robots, 2006), and W must have no component along t_s. The last
+statement is condition (8) of Briot and Arakelian 2010.
 """
 
 from __future__ import annotations
@@ -20,10 +23,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.forces import tree_forces
+from framework.dynamics.result import InverseDynamics
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array
+from framework.singularity.points_on_path import SearchedPath
+from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
+from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class PlatformWrench(NamedTuple):
@@ -34,17 +42,13 @@ class PlatformWrench(NamedTuple):
     rotors: Array  # (T, n) the part of W due to the rotors
 
     def force_along(self, twist: Array) -> Array:
-        """Compute the required force (T,) along a twist (n,) or (T, n)."""
+        """Compute the component (T,) of the required wrench along a twist (n,) or (T, n)."""
         return np.sum(self.required * twist, axis=1)
-
-    def missing_wrench(self, torque: Array) -> Array:
-        """Compute the missing wrench W - G' tau (T, n) under torques tau (T, n_a)."""
-        return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Compute the largest force (T,) of motors along a twist t (n,) or (T, n).
 
-        It is |G t| . limits.
+        It is |G t| . limits, with torque limits (n_a,).
         """
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
@@ -65,12 +69,16 @@ class PlatformWrench(NamedTuple):
 
         The convex hull of these wrenches is the set that the motors can exert.
         """
-        corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
-        return np.einsum("ca,tan->tcn", corners, self.motor_speed)  # G' tau of each corner
+        signs = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit))))  # (2^n_a, n_a)
+        return (signs * torque_limit) @ self.motor_speed
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists."""
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
+    """
     count = len(linearised.residual)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
     rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
@@ -91,7 +99,7 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
 
 
 class Hold(NamedTuple):
-    """The torques of motors at rest that balance a platform wrench."""
+    """The motor torques that balance a platform wrench at rest."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
     torque: Array | None  # (n_a,) [N m] motor side; None if not unique
@@ -110,3 +118,93 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     if robot.n_a != robot.n or np.linalg.matrix_rank(G) < robot.n:
         return Hold(G, None)
     return Hold(G, np.linalg.solve(G.T, wrench))
+
+
+class WrenchCurves(NamedTuple):
+    """The force that a motion requires along t_s, the twist that the motors control least, at T instants.
+
+    t_s is continued smoothly away from the singularity. Where |g| is least, t_s has unit size and points
+    along the motion. `power` is eta . r, with the joint rates eta of t_s and the forces r of the open tree.
+    It equals t_s . W_p at a singularity and, if the legs have no mass, at all poses.
+    """
+
+    g: Array  # (T,) measure, zero at Type 2
+    twist: Array  # (T, n) t_s
+    wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight of all bodies less external wrenches
+    power: Array  # (T,) [N, or N m for a pure turn]
+
+
+def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
+    """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
+    forces = tree_forces(robot, motion)
+    _G, joint_rates = motor_speeds(robot, motion.linearised)  # (T, nv, n) dq/dv
+    wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
+    measure = singularity_measure(robot, motion.linearised)
+    twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
+
+    # scale t_s to unit size, along the motion, where |g| is least
+    nearest = int(np.argmin(np.abs(measure.g)))
+    signed_norm = twist_norm(robot, twist[nearest]) or 1.0
+    signed_norm *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
+    power = np.sum(forces * measure.motion, axis=1) / signed_norm
+    return WrenchCurves(measure.g, twist / signed_norm, wrench, power)
+
+
+def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
+    """Compute g (T,) and t_s . W_p (T,) [N or N m] at ascending instants t (T,).
+
+    At a crossing t_s . W_p is `SingularityCrossing.wrench`.
+    """
+    curves = wrench_curves(result.robot, result.motion(t))
+    return curves.g, curves.power
+
+
+def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
+    """Compute g (T,) at ascending path coordinates s (T,), with springs at rest."""
+    branch = searched.branch
+    return singularity_measure(branch.robot, branch.close(s).linearised).g
+
+
+class ActionLines(NamedTuple):
+    """The line of each motor's force at F instants, relative to the platform's origin."""
+
+    point: Array  # (F, n_a, 3) [m] the point of the line that is nearest to the origin
+    direction: Array  # (F, n_a, 3) unit vector
+
+
+def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None:
+    """Compute the lines of the motors' forces, or the axes of their moments, from G (F, n_a, n).
+
+    A force f along a line through p has the moment p x f. G, `motor_speed`, contains only the components
+    along the platform's axes. With fewer than six axes several lines have these components; the result is the
+    one nearest to the origin.
+
+    Returns:
+        None for a single motor, for a wrench that is not a force along a line (zero, or a screw with pitch),
+        and if the platform's axes are not those of the base.
+    """
+    platform = robot.platform
+    if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
+        return None
+    wrench = np.zeros((*motor_speed.shape[:2], 6))  # of each motor, for a torque of 1 N m
+    wrench[:, :, platform.axes] = motor_speed
+    force, moment = wrench[:, :, :3], wrench[:, :, 3:]
+    translates = platform.translations.any()
+    along_line = force if translates else moment
+    norm = np.linalg.norm(along_line, axis=2, keepdims=True)
+    if not np.all(np.isfinite(wrench)) or np.any(norm <= 0):
+        return None
+    direction = along_line / norm
+    rotations = [axis - 3 for axis in platform.axes if axis >= 3]
+    if not rotations or not translates:
+        return ActionLines(np.zeros_like(direction), direction)
+
+    # Solve point x direction = moment / norm on the platform's axes of rotation, for the shortest point.
+    arm = (moment / norm)[:, :, rotations]  # [m] moments of unit forces
+    products = np.cross(np.eye(3), direction[:, :, None, :])  # row i: unit vector i x direction
+    cross_matrix = products.swapaxes(2, 3)[:, :, rotations]
+    point = np.einsum("fkij,fkj->fki", np.linalg.pinv(cross_matrix, rcond=RANK_ROUNDING), arm)
+    error = np.abs(np.einsum("fkij,fkj->fki", cross_matrix, point) - arm).max()
+    if error > FILE_ROUNDING * max(robot.length, np.abs(arm).max()):
+        return None
+    return ActionLines(point, direction)

@@ -1,178 +1,60 @@
-"""The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
+"""Motor torques of one instant for a prescribed motion, also on a Type 2 singularity.
 
-The pose, rates and accelerations of the platform, and external wrenches are given. Motor torques follow from
-the independent loop equations (`forces`); on a Type 2 singularity they are a limit
-(`pointwise_at_singularity`). Loads of loops and joints (`reactions`), inertia and velocity matrices are
-computed on first use. `forward_dynamics` computes the same record from given torques.
+The pose, rates and accelerations of the platform, and external wrenches are prescribed. Motor torques follow
+from the independent loop equations (`forces`). Their record is `instant.Instant`.
+
+At a Type 2 singularity the equation M tau = w of `balanced_forces` reads 0 = 0 along t_s if condition (8),
+t_s . W_p = 0, holds, and has no solution otherwise. If the condition holds, tau(t) = M(t)^-1 w(t) has a
+removable singularity. By l'Hopital's rule the limit depends on the first time derivatives of M and w, and so
+on the jerk of the platform, but on no higher derivative. Hence the motion
+
+    x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
+
+is followed on one short Chebyshev panel around the instant, which is no node. The value of the series of tau
+at this instant is the limit, and the decay of the coefficients is the certificate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import Forces, balanced_forces, mass_matrices, motor_torque, tree_forces
-from framework.dynamics.platform_wrench import motor_speeds
-from framework.dynamics.pointwise_at_singularity import forces_through_singularity
-from framework.dynamics.reactions import (
-    LoopLoads,
+from framework.dynamics.forces import Forces, balanced_forces, tree_forces
+from framework.dynamics.instant import (
+    Instant,
     Wrenches,
     apply_wrenches,
-    closure_wrenches,
-    coupling_torques,
-    joint_reactions,
-    loop_loads,
+    entry_of,
+    instant_of,
+    stack_rows,
     stack_wrenches,
-    stacked_rows,
 )
-from framework.errors import SingularPose
-from framework.kinematics.inverse_kinematics import require_square
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.errors import NotAssembled, SingularPose
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import (
     ClosedStack,
     LinearisedLoops,
     assembled_at,
-    clearance,
     find_near_type2,
+    type2_matrix,
 )
-from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
-from framework.tolerances import RANK_LOST
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.singularity.bordered_system import root_of_g
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
+from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-
-@dataclass(frozen=True, eq=False)
-class Instant(ReadOnlyArrays):
-    """State and loads of a robot at one instant; wrenches are (force, moment) (6,) on base axes [N, N m].
-
-    For a stack of T instants the first axis of every array is T. The deflections of springs are those of q;
-    `spring_force` is the force that the springs must exert for balance, whatever their stiffness.
-    """
-
-    robot: ParallelRobot
-    q: Array  # (nq,)
-    v: Array  # (nv,)
-    a: Array  # (nv,)
-    torque: Array  # (n_a,) motor side [N m], rotors included
-    joint_torque: Array  # (n_a,) joint side [N m, N], rotors not included
-    spring_force: Array  # (n_e,) [N, N m]
-    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
-    _forces: Array = field(repr=False)  # (T, nv) r of `tree_forces`
-
-    @cached_property
-    def clearance(self) -> Array | float:
-        """The least singular value of the passive columns P; infinite without passive joints."""
-        values = clearance(self.robot, self._motion.linearised)
-        return read_only(values) if self.q.ndim == 2 else float(values[0])
-
-    @cached_property
-    def loop_forces(self) -> Mapping[str, Array]:
-        """The wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
-        return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
-
-    @cached_property
-    def coupling_torques(self) -> Mapping[str, Array | float]:
-        """The torque of each coupling ON the first joint [N m, N]; NaN if undetermined.
-
-        The torque on the second joint is minus `ratio` times this torque.
-        """
-        return self._unstack_each(coupling_torques(self.robot, self._loop_loads))
-
-    @cached_property
-    def reactions(self) -> Mapping[str, Array]:
-        """The wrench of each joint, BY the parent body ON the child body at the joint; NaN if undetermined.
-
-        The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
-        a coupling.
-        """
-        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loop_loads))
-
-    @cached_property
-    def platform_inertia(self) -> Array:
-        """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
-        mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
-        _G, rates = motor_speeds(self.robot, self._motion.linearised)  # (T, nv, n) joints, for unit twists
-        return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
-
-    @cached_property
-    def motor_inertia(self) -> Array:
-        """The inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
-
-        It is S' M_x S with S = dv/d(dq_a), the platform's twists per motor rate, and M_x =
-        `platform_inertia`. NaN with redundant motors, and at Type 2, where the platform can move with motors
-        at rest.
-        """
-        robot = self.robot
-        inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
-        regular = np.atleast_1d(self.clearance) >= RANK_LOST
-        if robot.n_a == robot.n:
-            _G, joint_rates = motor_speeds(robot, self._motion.linearised)  # for unit twists
-            S = np.linalg.inv(joint_rates[:, robot.actuated][regular])
-            M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
-            inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
-        return self._unstack(inertia)
-
-    @cached_property
-    def platform_velocity(self) -> Array:
-        """The platform's twist v (n,), see `kinematics.platform`.
-
-        For a platform with several axes of rotation the twist is not dx/dt.
-        """
-        twist, _twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist)
-
-    @cached_property
-    def platform_acceleration(self) -> Array:
-        """The time derivative (n,) of `platform_velocity`."""
-        _twist, twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist_rate)
-
-    @property
-    def velocity_matrices(self) -> VelocityMatrices:
-        """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
-        return self._matrices[0]
-
-    @property
-    def velocity_matrix_rates(self) -> VelocityMatrices:
-        """Time derivatives of A, B and C, see `matrices_and_rates`."""
-        return self._matrices[1]
-
-    @property
-    def indeterminate(self) -> tuple[str, ...]:
-        """Names of wrench components that no equation determines: `tip: force z`, `elbow: moment x`."""
-        components = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
-        names = []
-        for name, wrench in [*self.loop_forces.items(), *self.reactions.items()]:
-            is_undetermined = np.isnan(np.atleast_2d(wrench)).any(axis=0)  # (6,)
-            names += [f"{name}: {components[k]}" for k in np.flatnonzero(is_undetermined)]
-        return tuple(names)
-
-    @cached_property
-    def _loop_loads(self) -> LoopLoads:
-        """The multipliers of all loop equations that balance the robot, at T instants."""
-        torque = np.atleast_2d(self.joint_torque)
-        loads = loop_loads(self.robot, self._motion.linearised, self._forces, torque)
-        freeze(loads)
-        return loads
-
-    @cached_property
-    def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
-        """The velocity matrices and their time derivatives."""
-        matrices, rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
-
-    def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...), or its only item for a single configuration q."""
-        return read_only(stack if self.q.ndim == 2 else stack[0])
-
-    def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Return each of the stacks as `_unstack` does."""
-        return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
+MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
+PANEL_NODES = 24  # an even number, so that no node is in the middle
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
+MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
+SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
 
 
 def dynamics_at(
@@ -201,9 +83,8 @@ def dynamics_at(
         SingularPose: the pose is singular of Type 2. There the torque is a limit. It is computed only if dddx
             is given, the motion crosses the locus, and condition (8) holds.
     """
-    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
-    motion, count = prescribed.motion, len(prescribed.x)
-    jerk = stack_rates("dddx", dddx, robot.n, count)
+    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, dddx=dddx, wrenches=wrenches)
+    motion = prescribed.motion
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, find_near_type2(robot, motion.linearised)):
@@ -213,13 +94,14 @@ def dynamics_at(
                 prescribed.x[k],
                 "is a limit there that needs the motion to third order; give dddx, or plan the motion",
             )
-        limit = forces_through_singularity(
+        limit = _forces_through_singularity(
             robot,
             ClosedStack(motion.q[[k]], prescribed.x[[k]], motion.linearised.select(k)),
-            rates=(prescribed.dx[k], prescribed.ddx[k], jerk[k]),
-            wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
+            prescribed.rates[:, k],
+            {frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
-        forces.joint_torque[k], forces.spring_force[k] = limit.joint_torque[0], limit.spring_force[0]
+        forces.joint_torque[k] = limit.joint_torque[0]
+        forces.spring_force[k] = limit.spring_force[0]
     return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
@@ -237,9 +119,8 @@ def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
 class PrescribedMotion(NamedTuple):
     """The prescribed motion at T instants, with external wrenches."""
 
-    x: Array  # (T, n)
-    dx: Array  # (T, n)
-    ddx: Array  # (T, n)
+    x: Array  # (T, n) platform coordinates
+    rates: Array  # (3, T, n) their first, second and third time derivatives
     motion: Motion
     wrenches: Wrenches
     entry: int | slice  # index of results: 0 for one configuration, all for a stack
@@ -251,9 +132,13 @@ def prescribed_motion(
     *,
     dx: ArrayLike | None,
     ddx: ArrayLike | None,
+    dddx: ArrayLike | None = None,
     wrenches: Mapping[str, ArrayLike] | None,
 ) -> PrescribedMotion:
     """Check the arguments of `dynamics_at` and compute the prescribed motion.
+
+    Args:
+        q, dx, ddx, dddx, wrenches: as for `dynamics_at`.
 
     Raises:
         InvalidInput, NotAssembled: as `dynamics_at`.
@@ -262,18 +147,17 @@ def prescribed_motion(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rate, acceleration = stack_rates("dx", dx, robot.n, count), stack_rates("ddx", ddx, robot.n, count)
+    zeros = np.zeros(robot.n)
+    derivatives = {"dx": dx, "ddx": ddx, "dddx": dddx}
+    rates = np.stack(
+        [
+            stack_rows(name, zeros if values is None else values, robot.n, count)
+            for name, values in derivatives.items()
+        ]
+    )
     applied = stack_wrenches(robot, wrenches, count)
-    motion = apply_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
-    return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
-
-
-def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq).
-
-    `q` may be an object with an attribute `q`, such as the result of `assemble`.
-    """
-    return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
+    motion = apply_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
+    return PrescribedMotion(closed.x, rates, motion, applied, entry_of(q))
 
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
@@ -291,28 +175,155 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     )
 
 
-def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the instants of a stack of motions, with their forces.
+def _forces_through_singularity(
+    robot: ParallelRobot, closed: ClosedStack, rates: Array, wrenches: Wrenches
+) -> Forces:
+    """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
+
+    The torques beside the singularity are regular, and their interpolation at t = 0 is the limit.
 
     Args:
-        r: (T, nv) forces of the open tree [N m or N].
-        forces: forces of motors and springs, in balance with r.
-        entry: index of the instants in the stack, see `entry_of`.
+        closed: the singular configuration, T = 1.
+        rates: first, second and third time derivatives (3, n) of the platform coordinates.
+        wrenches: external wrenches (6,) by frame, constant on base axes.
+
+    Raises:
+        SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
+            the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
-    freeze((motion, r))
-    return Instant(
-        robot=robot,
-        q=motion.q[entry],
-        v=motion.v[entry],
-        a=motion.a[entry],
-        torque=motor_torque(robot, motion, forces.joint_torque)[entry],
-        joint_torque=forces.joint_torque[entry],
-        spring_force=forces.spring_force[entry],
-        _motion=motion,
-        _forces=r,
-    )
+    dx, ddx, _ = rates
+    singular = motion_at(robot, closed, dx[None], ddx[None])
+    motion = _TaylorMotion(robot, closed.x, singular, rates, wrenches)
+    uncontrolled = uncontrolled_motion(robot, closed.linearised)
+    if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
+        several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
+        reason = UNCROSSABLE.get(uncontrolled.kind, several)
+        raise motion.refuse(f"the robot is in {reason}: its torque has no limit")
+    if not singular.v.any():
+        raise motion.refuse("the motion stands still on a Type 2 singularity: no law can rest on the locus")
+    half_panel = motion.choose_half_panel()
+    motion.check_condition(motion.find_crossing(half_panel))
+    return motion.interpolate_forces(half_panel)
 
 
-def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
-    """Return rates (count, width) as `stacked_rows` does; zeros by default."""
-    return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
+class _TaylorMotion(NamedTuple):
+    """A motion through a singular configuration at t = 0, by a Taylor polynomial of third order of x."""
+
+    robot: ParallelRobot
+    x: Array  # (1, n) platform coordinates at t = 0
+    singular: Motion  # at t = 0
+    rates: Array  # (3, n) first, second and third time derivatives of x at t = 0
+    wrenches: Wrenches  # (6,) by frame, constant on base axes
+
+    def refuse(self, reason: str, wrench: float | None = None) -> SingularPose:
+        """Return the error with a reason; `wrench` is t_s . W_p if condition (8) is violated."""
+        x = self.x[0]
+        return SingularPose(
+            f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
+        )
+
+    def evaluate(self, times: Array) -> Motion:
+        """Compute the motion at instants (T,) [s].
+
+        The loops are closed from a guess of second order for all joints.
+        """
+        rate, acceleration, jerk = self.rates
+        t = times[:, None]
+        dx = rate + t * acceleration + t**2 / 2 * jerk
+        ddx = acceleration + t * jerk
+        displacement = t * rate + t**2 / 2 * acceleration + t**3 / 6 * jerk
+        joint_steps = t * self.singular.v + t**2 / 2 * self.singular.a
+        guess = integrate(self.robot, np.repeat(self.singular.q, len(t), axis=0), joint_steps)
+        closed = close_loops(self.robot, self.x + displacement, guess)
+        return apply_wrenches(self.robot, motion_at(self.robot, closed, dx, ddx), self.wrenches)
+
+    def type2_matrices(self, times: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
+        return type2_matrix(self.robot, self.evaluate(times).linearised)
+
+    def choose_half_panel(self) -> float:
+        """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
+
+        Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
+        """
+        scale = self.robot.column_scale
+        jerk = self.rates[2] / self.robot.platform_scale
+        derivatives = (self.singular.v / scale, self.singular.a / scale, jerk)
+        largest = np.array([np.abs(values).max() for values in derivatives])
+        orders = np.arange(1, len(derivatives) + 1)
+        with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
+            return float(np.min((np.cumprod(orders) * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
+
+    def find_crossing(self, half_panel: float) -> float:
+        """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
+
+        Args:
+            half_panel: half the width [s] of the panel on which the instant is sought.
+
+        Raises:
+            SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+        """
+        if self.robot.n_a > self.robot.n:
+            return 0.0  # with redundant motors g has a double root, without a change of sign
+        root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
+        both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
+        signs, _log_sizes = np.linalg.slogdet(both_sides)
+        changes_sign = np.prod(signs) < 0
+        is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
+        is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
+        if is_at_root and changes_sign and is_regular:
+            return root.place
+        raise self.refuse(
+            "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
+            "limit that needs more than the jerk; plan the motion"
+        )
+
+    def check_condition(self, instant: float) -> None:
+        """Raise SingularPose if the motion violates condition (8), eta . r = 0, at an instant [s].
+
+        eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
+        """
+        robot = self.robot
+        motion = self.evaluate(np.array([instant]))
+        uncontrolled = uncontrolled_motion(robot, motion.linearised)
+        terms = tree_forces(robot, motion)[0] * uncontrolled.motion
+        rate = np.abs(motion.v / robot.column_scale).max()
+        escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
+        # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
+        centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
+        size = max(np.abs(terms).sum(), centripetal)
+        wrench = float(terms.sum())
+        if abs(wrench) > CONDITION_RESIDUAL * size:
+            unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
+            raise self.refuse(
+                f"the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where condition "
+                f"(8) asks for zero: no torque is large enough",
+                wrench,
+            )
+
+    def interpolate_forces(self, half_panel: float) -> Forces:
+        """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
+
+        The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
+
+        Raises:
+            SingularPose: the series is not resolved.
+        """
+        robot = self.robot
+        least_tail = np.inf
+        for halvings in range(MAX_HALVINGS):
+            edges = np.array([-half_panel, half_panel]) / 2**halvings
+            try:
+                motion = self.evaluate(TimeGrid(edges, PANEL_NODES).times)
+            except NotAssembled:
+                continue  # a shorter motion may stay within reach
+            forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
+            series = coefficients(np.concatenate(forces, axis=1))
+            least_tail = min(least_tail, tail(series))
+            if tail(series) <= TORQUE_TAIL:
+                value = evaluate(np.zeros(1), series)
+                return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+        raise self.refuse(
+            f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "
+            f"singularity is very near"
+        )

@@ -26,9 +26,8 @@ from framework.dynamics.known_deflections import DeflectionSplines, KnownDeflect
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
-from framework.laws.clock import Clock, InTime, OnParameter
 from framework.laws.law import MotionLaw
-from framework.laws.optimal_law import OptimalLaw
+from framework.laws.optimal_law import Clock, InTime, OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT

@@ -117,7 +117,7 @@ class InverseDynamics(ReadOnlyArrays):
         return self.law.duration
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor torques [N m] or their time derivatives, (T, n_a); a scalar t gives (n_a,).
+        """Evaluate motor torques [N m] or time derivatives of an order, (T, n_a); a scalar t gives (n_a,).
 
         With dry friction of the driven joints, the torques jump where a motor reverses; their derivatives are
         those of the smooth part.
@@ -130,7 +130,7 @@ class InverseDynamics(ReadOnlyArrays):
         return self.torques(t)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
+        """Evaluate motor angles [rad] (gear ratio times joint angle) or derivatives of an order, (T, n_a).
 
         Accelerations come from `motion`, since the second derivative of a series loses digits at the ends.
         """

@@ -34,10 +34,10 @@ EDGE_CLEARANCE = 0.1  # of a panel's width; edges are nodes, so an edge nearer t
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
-    Edges are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
-    edge is a node, and no node may be at a crossing. So an edge of the law near a crossing is shifted aside.
-    A law without panels and with many crossings gets a panel for each crossing, so that the number of nodes
-    is proportional to the number of crossings.
+    Edges are the ends of the motion and of the law's panels, and the instants at which the motion passes the
+    branch's knots. Every edge is a node, and no node may be at a crossing. So an edge of the law near a
+    crossing is shifted aside. A law without panels and with many crossings gets a panel for each crossing, so
+    that the number of nodes is proportional to the number of crossings.
 
     Args:
         clear_of: instants [s] of crossings.
@@ -125,7 +125,7 @@ def rigid_crossings(
 
 
 def _undeformed_forces(branch: Branch, q: Array, s: list[Array]) -> Array:
-    """Compute forces (T, nv) of the open tree at q (T, nq).
+    """Compute the forces (T, nv) of the open tree at q (T, nq) along the path.
 
     Args:
         s: the path coordinate and its first two time derivatives, each (T,).
@@ -155,7 +155,7 @@ def _rigid_crossing(
 ) -> SingularityCrossing:
     """Compute t_s . W_p = eta . r of the undeformed robot at a singular point.
 
-    If several motions eta escape, the result is that of the largest relative t_s . W_p.
+    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
 
     Args:
         duration: duration of the motion [s].
@@ -188,8 +188,9 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
     """Find the crossing of the deformed robot, a root of g in time.
 
     Args:
+        result: the motion of the deformed robot.
         at_rest: the crossing of the undeformed robot, at which the search begins. Its twist decides the sign
-            of the twist.
+            of t_s.
     """
     robot = result.robot
 

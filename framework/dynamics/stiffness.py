@@ -38,9 +38,9 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matmul
 from framework.tolerances import (
     EIGENVALUE_ROUNDING,
@@ -52,15 +52,18 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
-SHIFTS = (1.0, 1e3, 1e6)  # sigma of H + sigma S over tr H / tr S; indefinite H under load need larger ones
-MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of eigenvalues of H divided by the largest one
+SHIFTS = (
+    1.0,
+    1e3,
+    1e6,
+)  # sigma of H + sigma S over tr H / tr S; an indefinite H under load needs a larger one
+MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, over the largest one
 
 
 class CompliantMotions(NamedTuple):
     """The motions that springs and loops allow at T configurations with locked motors."""
 
-    columns: IntArray  # (f,) velocity indices of the moving joints: elastic, then passive
-    Z: Array  # (T, f, d) joint rates; orthonormal if lengths are counted in robot lengths
+    Z: Array  # (T, f, d) rates of `moving_columns`; orthonormal if lengths are counted in robot lengths
     X: Array  # (T, n, d) twists of the platform on its axes
     K: Array  # (T, d, d) stiffness of the springs alone
     M: Array  # (T, d, d) mass of all bodies; rotors rest
@@ -89,7 +92,6 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
     transposed = Z.swapaxes(1, 2)
     return CompliantMotions(
-        columns=columns,
         Z=Z,
         X=matmul(linearised.platform[:, :, columns], Z),
         K=matmul(transposed * stiffness, Z),
@@ -98,7 +100,9 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 
 
 def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN without one.
+    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S.
+
+    The ratio is NaN if there is no least one.
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
@@ -108,7 +112,7 @@ def least_ratios(H: Array, S: Array) -> Array:
     least = np.full(len(H), np.nan)
     size_H = np.abs(np.trace(H, axis1=1, axis2=2))
     size_S = np.trace(S, axis1=1, axis2=2)
-    for factor in SHIFTS:
+    for factor in SHIFTS:  # until H + sigma S is positive definite
         unsolved = np.flatnonzero(np.isnan(least) & (size_S > 0))
         if not len(unsolved):
             break
@@ -126,7 +130,8 @@ def least_ratios(H: Array, S: Array) -> Array:
 def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
     """Compute the stiffness (T,) [N/m] of the platform's point in the softest direction, 0 at Type 2.
 
-    For a platform that only turns it is the rotational stiffness [N m/rad].
+    `free` are the motions of the robot with locked motors. For a platform that only turns it is the
+    rotational stiffness [N m/rad].
     """
     loaded = robot.translations if robot.translations.any() else ~robot.translations
     X = free.X[:, loaded]
@@ -136,7 +141,7 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
 
-    For motors that turn freely see `dynamics.vibrations.free_motor_frequency`.
+    For motors that turn freely see `free_motor_frequency`.
     """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
@@ -186,17 +191,18 @@ def platform_stiffness(
     expect_robot(robot)
     if wrench is not None and not loaded:
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
-    closed, load = assembled_at(robot, q), None
+    closed = assembled_at(robot, q)
     if loaded:
-        q, load = _find_equilibrium(robot, closed.q[0], wrench)
-        closed = assembled_at(robot, q)
-    free = compliant_motions(robot, closed.linearised, closed.q)
+        deflected, load = _find_equilibrium(robot, closed.q[0], wrench)
+        closed = assembled_at(robot, deflected)
+    free = compliant_motions(robot, closed.linearised, closed.q)  # T = 1
     H = free.K[0]
-    if load is not None:
+    if loaded:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
+
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
-    modes[:, free.columns] = shapes @ free.Z[0].T
+    modes[:, moving_columns(robot)] = shapes @ free.Z[0].T
     stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
         robot=robot,
@@ -216,15 +222,19 @@ def platform_stiffness(
 
 
 def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
-    """Minimise V - w . x subject to c = 0 from q (nq,); return the equilibrium and the load.
+    """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 
     Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
     where the robot buckles. If the robot snaps through, the result is the equilibrium beyond.
+
+    Raises:
+        InvalidInput: the wrench has no potential.
+        NotConverged: there is no equilibrium near q, or only one with deflections beyond MAX_DEFLECTION.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.nv)))
-    size = np.inf
+    load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
+    size = np.inf  # [rad, robot lengths] largest entry of the last step
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)
         if size < NEWTON_STEP:
@@ -233,9 +243,9 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
             break
         values, vectors = np.linalg.eigh(state.H[0])
         sizes = np.abs(values)
-        steepness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
-        along = vectors @ (vectors.T @ state.slope[0] / steepness)  # (d,) on the null space of the loops
-        step = state.closing[0] - state.null[0] @ along
+        stiffness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        uphill = vectors @ (vectors.T @ state.slope[0] / stiffness)  # (d,) on the null space of the loops
+        step = state.closing[0] - state.null[0] @ uphill
         size = np.abs(step).max()
         if not np.isfinite(size):
             break
@@ -262,6 +272,9 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
 
     v' K_x v = min { dz' H dz : X dz = v }. With a right inverse R and the null space N of X, dz = R v + N y,
     and the minimum over y is K_x = R' (H - H N (N' H N)^-1 N' H) R.
+
+    Raises:
+        InvalidInput: the springs leave the platform rigid along some direction.
     """
     scale = robot.platform_scale
     U, values, V_rows = np.linalg.svd(X / scale[:, None])
@@ -284,7 +297,7 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
 
     Entry (i, j) is infinite if a direction without stiffness moves both axes i and j.
     """
-    scales = np.outer(robot.platform_scale, robot.platform_scale)
+    scales = np.outer(robot.platform_scale, robot.platform_scale)  # convert K to moments over angles
     values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
     compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
@@ -295,8 +308,8 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
 def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and mode shapes z (k, d).
 
-    The shapes have z' M z = 1. Motions without mass have no vibration of their own: they follow the others
-    statically.
+    The frequencies are those of the stiffness H and the mass M, (d, d) each. The shapes have z' M z = 1.
+    Motions without mass have no vibration of their own: they follow the others statically.
     """
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
@@ -308,3 +321,25 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T
+
+
+def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the first natural frequency (T,) [Hz] with free motors at assembled q (T, nq).
+
+    The frequencies solve Z'KZ z = omega^2 Z'MZ z, where Z spans the motions that the loops allow, M includes
+    the rotors, and K has the springs that make the robot flexible. Rigid motions, for which omega = 0, are
+    left out. A motion without mass has an infinite frequency. Without springs the result is infinite.
+    """
+    _Q, _R, null = factor_transposed(scaled_loops(robot, linearised_at(robot, q, None)))
+    Z = robot.column_scale[:, None] * null  # (T, nv, d)
+    Z_rows = Z.swapaxes(1, 2)
+    springs = matmul(Z_rows[..., robot.elastic] * robot.stiffness, Z[:, robot.elastic])
+    mass = matmul(Z_rows, matmul(mass_matrices(robot, q) + np.diag(robot.rotors), Z))
+
+    frequency = np.full(len(q), np.inf)
+    for k in range(len(q)):
+        squares, _shapes = _vibrations(springs[k], mass[k])
+        vibrations = squares[squares > 0.0]  # ascending, without rigid motions
+        if len(vibrations):
+            frequency[k] = np.sqrt(vibrations[0]) / (2.0 * np.pi)
+    return frequency

@@ -5,8 +5,7 @@ balance is dV/dq - w . dx/dq = lambda . dc/dq. The tangent stiffness along motio
 
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
-Second derivatives are exact: lambda . `closure_drift` is the quadratic form of lambda . d2c/dq2, and drifts
-along sums of two motions give the matrix of that form by polarisation.
+Second derivatives are exact: they are the changes of the joint forces of lambda and w along the motions.
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ import pinocchio as pin
 
 from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.closures import closure_drift
-from framework.kinematics.frames import FrameStack, frame_motions, frames_at, scratch_of
+from framework.kinematics.closures import loop_force_changes
+from framework.kinematics.external_wrenches import applied_wrench, wrench_slope
+from framework.kinematics.frames import frames_at, scratch_of
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, IntArray
 from framework.numerics.ordered_sums import matmul, matvec, solve
 
@@ -39,7 +40,10 @@ class Load(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """The distance of T configurations from balance. Steps are in radians and robot lengths."""
+    """The distance of T configurations from balance.
+
+    Steps and loop equations are in radians and robot lengths; f joints move with locked motors.
+    """
 
     gap: Array  # (T,) largest residual of a loop equation
     closing: Array  # (T, f) the shortest step that closes the loops, to first order
@@ -70,9 +74,8 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """Compute the distance from balance of configurations q (T, nq), with loops open or closed.
 
-    With the QR factorisation J' = Q R, the shortest step that closes the loops is -Q R'^-1 residual. The
-    stiffness is computed along the steps [Z, closing]: its last column is the change of the slope by the
-    closing step.
+    With the Jacobian J of the loop equations and the QR factorisation J' = Q R, the shortest step that closes
+    the loops is -Q R'^-1 residual.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
@@ -81,9 +84,11 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)  # of the loop equations
     Q, R, null = factor_transposed(J)
     closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
+
+    # along the steps [Z, closing]: the last column is the change of the slope by the closing step
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    forces, load_forces = _forces(robot, linearised, q, load)
     stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
+    forces, load_forces = _forces(robot, linearised, q, load)
     null_rows = null.swapaxes(1, 2)
     return Balance(
         gap=np.abs(residual).max(axis=1, initial=0.0),
@@ -114,7 +119,7 @@ def tangent_stiffness(
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
     gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
-    curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
+    curvature = _curvature(robot, linearised, steps, multipliers, load)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
 
 
@@ -125,20 +130,30 @@ def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
     return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 
-def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:
-    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation.
+def _curvature(
+    robot: ParallelRobot, linearised: LinearisedLoops, steps: Array, multipliers: Array, load: Load
+) -> Array:
+    """Compute the curvature lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p).
 
-    The bilinear form of the quadratic form D of `_drift` is B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
+    It is the symmetric part of steps' d(J' lambda + X' w)/dq steps at constant lambda and w, with the
+    Jacobians J of the loop equations c and X of the platform coordinates x. Coordinates x that are joints
+    have no curvature.
+
+    Args:
+        multipliers: lambda (T, m).
+        load: the wrench w and its share.
     """
-    i, j = np.triu_indices(steps.shape[2])  # each pair of steps once, with i <= j
-    sums = np.zeros((len(steps), len(i), robot.nv))
-    sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
-    drift = _drift(robot, frames, sums, multipliers, w)
-    diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4 of each step
-    curvature = np.zeros((len(steps), steps.shape[2], steps.shape[2]))
-    curvature[:, i, j] = 0.5 * (drift - diagonal[:, i] - diagonal[:, j])
-    curvature[:, j, i] = curvature[:, i, j]
-    return curvature
+    frames, platform = linearised.frames, robot.platform
+    motions = np.zeros((len(steps), steps.shape[2], robot.nv))
+    motions[:, :, moving_columns(robot)] = steps.swapaxes(1, 2)
+    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
+    changes = loop_force_changes(robot, robot.loops, frames, wrenches, multipliers, motions)
+    if isinstance(platform, FramePlatform):
+        at_origin = load.share[:, None] * (load.w @ platform.units)  # (T, 6) on base axes
+        applied = applied_wrench(robot, frames, robot.description.platform.frame, at_origin)
+        changes += matmul(motions, wrench_slope(robot, frames.screws, applied).swapaxes(1, 2))
+    curvature = matmul(changes, motions.swapaxes(1, 2))
+    return 0.5 * (curvature + curvature.swapaxes(1, 2))
 
 
 def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
@@ -155,7 +170,8 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
     """Compute the forces dV/dq - w . dx/dq (T, nv) under the load's share, and the derivative by the share.
 
-    They are springs - preload + share (preload + weight - wrench).
+    They are springs - preload + share (preload + weight - wrench), so that the preload vanishes under the
+    whole load.
     """
     data = scratch_of(robot).data
     springs = spring_torques(robot, q, robot.all_stiffness)
@@ -163,16 +179,3 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
     by_share = load.preload + weight - wrench
     return springs - load.preload + load.share[:, None] * by_share, by_share
-
-
-def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute v' (lambda . d2c/dq2 + w . d2x/dq2) v (T, p) at rates v (T, p, nv).
-
-    The drift of an equation is its second time derivative at zero joint accelerations. The result is the
-    drift of the loop equations c times lambda, plus the drift of the platform x times w.
-    """
-    repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))  # each configuration p times
-    motions = frame_motions(robot, repeated, v.reshape(-1, v.shape[2]))
-    loops = closure_drift(robot.loops, motions).reshape(*v.shape[:2], -1)
-    platform = robot.platform.drift(motions).reshape(*v.shape[:2], -1)
-    return matvec(loops, multipliers) + matvec(platform, w)

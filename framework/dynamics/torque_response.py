@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
-from framework.dynamics.force_changes import force_changes
+from framework.dynamics.forces import force_changes
 from framework.dynamics.known_deflections import SplineFunction
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
@@ -36,8 +36,7 @@ from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.tangent_stiffness import factor_transposed
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.clock import OnParameter
-from framework.laws.optimal_law import OptimalLaw
+from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve
 

@@ -16,8 +16,8 @@ motion of the turn alone, and joint rates v and accelerations a,
 
 So the rates of the turn remain a function of the pose, linear in the rates of the platform, which motion laws
 need. Only balls with equal values about all three axes count, because their effect does not depend on the
-angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
-the rod's own inertia.
+angle of the turn. `dynamics.motion_checks` measures the torque that remains: of armature beside damping,
+and of the rod's own inertia.
 
 The angle of an idle turn depends on all earlier poses, Newton iterates included, so its last digits are not a
 smooth function of time. Before configurations are interpolated, `remove_idle_spin` turns the ball until its

@@ -122,7 +122,7 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
 
     An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
     along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
-    about its axis; `dynamics.residuals` measures the load that remains.
+    about its axis; `dynamics.motion_checks` measures the load that remains.
     """
     if not len(passive):
         return passive

@@ -2,8 +2,6 @@
 
 * `path`: paths, and the check of a user's own path;
 * `law`: the protocol of motion laws, and the polynomial law;
-* `optimal_law`: the law of free shape, which stores its squared speed;
-* `speed_basis`: the functions that represent this squared speed;
-* `exact_duration`: adjusts a squared speed to an exact duration;
-* `clock`: the parameter in which functions along a law, such as deflections, are smooth.
+* `optimal_law`: the law of free shape, and the parameter in which functions along it are smooth;
+* `squared_speed`: the functions that represent the speed of this law, and its exact duration.
 """

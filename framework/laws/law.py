@@ -7,11 +7,11 @@ decimals moves the end of the motion from s = 1 to s = 1.77.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import comb, isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -22,17 +22,17 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
-# [s] The fourth powers of these and their inverses stay far from overflow.
-MIN_DURATION, MAX_DURATION = 1e-30, 1e30
+LARGEST = 1e30  # duration [s] or coordinate [m, rad]; fourth powers of it and of its inverse do not overflow
 SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
 
 
 def check_duration(duration: float) -> None:
-    """Raise InvalidInput unless a duration is a number in [MIN_DURATION, MAX_DURATION] s."""
+    """Raise InvalidInput unless a duration is a number in [1 / LARGEST, LARGEST] s."""
     if not (is_number(duration) and duration > 0):
         raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
-    if not MIN_DURATION <= duration <= MAX_DURATION:
-        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
+    shortest = 1.0 / LARGEST
+    if not shortest <= duration <= LARGEST:
+        raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST:g}] s, got {duration!r}")
 
 
 def is_number(value: object) -> bool:
@@ -40,13 +40,17 @@ def is_number(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     try:
-        return math.isfinite(value)
+        return isfinite(value)
     except OverflowError:  # a whole number beyond the range of floats
         return False
 
 
 def normalise_time(t: ArrayLike, duration: float) -> Array:
-    """Return 2 t / duration - 1 in [-1, 1], with the shape of t; refuse t outside [0, duration]."""
+    """Return the normalised time x = 2 t / duration - 1 in [-1, 1], with the shape of t.
+
+    Raises:
+        InvalidInput: t is not finite, or outside [0, duration].
+    """
     x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
     if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
@@ -56,7 +60,8 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
 class MotionLaw(Protocol):
     """Any object with a `duration` [s] and a call `law(t, order)`.
 
-    The call returns s in [0, 1], or its time derivative of this order, with the shape (T,) of t.
+    The call returns the path coordinate s in [0, 1], or its time derivative of this order, with the shape
+    (T,) of t.
     """
 
     @property
@@ -70,9 +75,9 @@ class ExactLaw(ABC):
 
     @property
     def edges(self) -> Array:
-        """Panel edges (k,) [s], ends included; some thirty points resolve the law on each panel.
+        """Panel edges (k,) [s], ends included; empty for a law that needs no panels.
 
-        Empty for a law that needs no panels.
+        Some thirty Chebyshev points resolve the law on each panel.
         """
         return np.empty(0)
 
@@ -106,6 +111,9 @@ class PlannedLaw(ExactLaw):
 
         The factors of s' that vanish at both ends are divided out first. The result is positive for a
         monotone law.
+
+        Args:
+            smoothness: number of derivatives of s that vanish at both ends.
         """
 
     @abstractmethod
@@ -125,6 +133,27 @@ def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]
     return [np.asarray(law(t, order)) for order in range(count)]
 
 
+def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[Array]:
+    """Compute the derivatives of f(g(t)) by t, from order 0 to the order n of the last arguments.
+
+    By Leibniz's rule on the derivative f^(k + 1)(g) g' of f^(k)(g), the derivative of order m of f^(k)(g) is
+    the sum over i < m of binom(m - 1, i) g^(m - i) times the derivative of order i of f^(k + 1)(g).
+
+    Args:
+        outer: f and its derivatives by its argument, at g(t), of orders 0 .. n.
+        inner: derivatives of g by t, of orders 1 .. n.
+    """
+
+    def differentiate(k: int, m: int) -> Array:
+        """Compute the derivative of order m of f^(k)(g(t)) by t."""
+        if m == 0:
+            return outer[k]
+        terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
+        return np.sum(terms, axis=0)
+
+    return [differentiate(0, m) for m in range(len(outer))]
+
+
 class Condition(NamedTuple):
     """The time derivative of s of this `order` equals `value` [1/s^order] at `time` [s]."""
 
@@ -134,7 +163,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return conditions that set s and its derivatives to `values` (k, m) at times (k,)."""
+    """Return conditions that set s and its derivatives to `values` (k, m) [1/s^order] at times (k,) [s]."""
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)
@@ -168,16 +197,15 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
 
     def _series(self, order: int) -> Array:
-        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""
+        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative of s."""
         scale = (2.0 / self.duration) ** order
         return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the polynomial law of least degree that meets k conditions.
+        """Solve for the polynomial law of degree k - 1 that meets k conditions.
 
-        The degree is k - 1. The Chebyshev coefficients solve one linear equation per condition, in normalised
-        time.
+        The Chebyshev coefficients solve one linear equation per condition, in normalised time.
 
         Raises:
             InvalidInput: the duration is not positive; a condition is not finite or lies outside
@@ -247,6 +275,7 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     coefficients of p solve one linear equation per condition.
 
     Args:
+        duration, smoothness: of all laws, as for `rest_to_rest`.
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
@@ -277,7 +306,8 @@ def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
     """Return the matrices (m, c, c) from c coefficients of p to derivatives of s.
 
     Row i of a matrix gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a
-    Chebyshev series of n terms, and T_k(x) = cos(k arccos x).
+    Chebyshev series of n terms, and T_k(x) = cos(k arccos x). For the `smoothness` and p see
+    `advances_and_peaks`.
     """
     series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)

@@ -3,10 +3,13 @@
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
 The first R derivatives of the smoothstep phi vanish at sigma = 0 and 1, so for any z > 0 the first R time
-derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). The map xi
-is steep where the law changes fast, for example near a crossing, which the robot approaches slowly and leaves
-fast. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
-in z.
+derivatives of s vanish at both ends. z is a spline or one polynomial in xi(sigma), see `squared_speed`. The
+map xi is steep where the law changes fast, for example near a crossing, which the robot approaches slowly and
+leaves fast. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are
+linear in z.
+
+Functions along a law, such as deflections, are Chebyshev series in the parameter p of a `Clock`: time itself
+for a polynomial law, xi(sigma) for an optimal law.
 
 The squared speed as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter and Diehl,
 Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
@@ -15,43 +18,46 @@ Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from framework.errors import InvalidInput, check_order
-from framework.laws.law import PlannedLaw, least_value, normalise_time
+from framework.laws.law import MotionLaw, PlannedLaw, compose_derivatives, least_value, normalise_time
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
+from framework.laws.squared_speed import (
+    ONE_CELL,
+    SPLINE_DEGREE,
+    SpeedBasis,
+    Stretch,
+    evaluate_each,
+    evaluate_on_cells,
+    slowness_on_panels,
+)
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.numerics.chebyshev import TimeFunction, TimeGrid, derivative_matrix, evaluate, nodes
-from framework.tolerances import NEWTON_STEP, SLOWNESS_ROUNDING
+from framework.numerics.chebyshev import TimeFunction, nodes
+from framework.tolerances import NEWTON_STEP
 
 HIGHEST_SMOOTHNESS = 6  # above it z grows so much towards the ends that it loses its digits
-# samples of s' along the path; least swing of s' over its largest value that counts
+# number of samples of s' in which turns are counted; least swing of s', over its largest value, that counts
 TURN_SAMPLES, MIN_SWING = 4001, 1e-3
-PANEL_NODES = 24  # nodes on a panel of t(sigma)
-SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
-MAX_PANELS = 1024
-DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
-STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
-STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
+DEGREES_PER_PANEL = 3  # a law with one polynomial z of degree d has d / 3 panels in time
 DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given with its squared speed
 
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order.
+    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^smoothness.
 
-    phi is the regularised incomplete beta function with both parameters equal to order + 1.
+    phi is the regularised incomplete beta function with both parameters equal to smoothness + 1.
     """
 
-    order: int
+    smoothness: int
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate phi or a derivative, with the shape of sigma.
+        """Evaluate phi or its derivative of an order, with the shape of sigma.
 
         Derivatives are polynomials in the distance to the nearer end, which is accurate near both ends. phi'
         is symmetric about 1/2, so beyond 1/2 derivatives of even order have the opposite sign.
@@ -60,80 +66,23 @@ class Smoothstep:
         if order == 0:
             from scipy.special import betainc  # slow to import, and not all plans need it
 
-            return betainc(self.order + 1, self.order + 1, sigma)
+            return betainc(self.smoothness + 1, self.smoothness + 1, sigma)
         end_distance = np.minimum(sigma, 1.0 - sigma)
-        value = polynomial.polyval(end_distance, _slope_powers(self.order, order))
+        value = polynomial.polyval(end_distance, _slope_powers(self.smoothness, order))
         return np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value)
 
     def inverse(self, s: ArrayLike) -> Array:
-        """Solve phi(sigma) = s for sigma."""
+        """Solve phi(sigma) = s for sigma, with the shape of s."""
         from scipy.special import betaincinv
 
-        return betaincinv(self.order + 1, self.order + 1, s)
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """The increasing map xi(sigma) from [0, 1] to [-1, 1], steeper near the points `at`.
-
-    xi is sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w = STRETCH_WIDTH and
-    h = STRETCH_HEIGHT. Through such a map a Chebyshev series resolves a function that changes fast near
-    known points: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
-    """
-
-    at: tuple[float, ...] = ()  # values of sigma
-
-    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
-        sigma = np.asarray(sigma, dtype=float)
-        start, end = self._unscaled_ends
-        unscaled = self._evaluate_unscaled(sigma, order)
-        if order:
-            return 2.0 * unscaled / (end - start)
-        return 2.0 * (unscaled - start) / (end - start) - 1.0
-
-    @cached_property
-    def _unscaled_ends(self) -> Array:
-        """Values (2,) of the map before scaling at sigma = 0 and 1."""
-        return read_only(self._evaluate_unscaled(np.array([0.0, 1.0]), 0))
-
-    def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before scaling, or a derivative up to order 3.
-
-        With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
-        w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
-        """
-        identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
-        if not self.at:
-            return identity
-        w = STRETCH_WIDTH
-        d = sigma[..., None] - np.array(self.at)
-        denominator = w**2 + d**2
-        if order == 0:
-            arctangents = np.arctan(d / w)
-        elif order == 1:
-            arctangents = w / denominator
-        elif order == 2:
-            arctangents = -2.0 * w * d / denominator**2
-        else:
-            arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
-        return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
-
-    def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma by Newton's method from a table."""
-        xi = np.asarray(xi, dtype=float)
-        grid = np.linspace(0.0, 1.0, 513)
-        sigma = np.interp(xi, self(grid), grid)
-        for _ in range(4):  # the table is right to a few digits, and each step doubles their number
-            sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
-        return sigma
+        return betaincinv(self.smoothness + 1, self.smoothness + 1, s)
 
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Return the power series in sigma of a derivative of phi, order >= 1.
+    """Return the coefficients (k,) of the powers of sigma in a derivative of phi of order >= 1.
 
-    phi' is b(sigma) over the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
+    phi' is b(sigma) divided by the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
     """
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
@@ -164,14 +113,15 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
-        """Check that cells fit, z is positive, and the duration is that of z."""
+        """Check cells, z and the duration; compute the duration unless given."""
         super().__post_init__()
         for name in ("dense_at", "cells"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         _check_cells(self)
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
-        integral = float(self._time[1][-1])
+        _time_in_panel, instants = self._time
+        integral = float(instants[-1])
         object.__setattr__(self, "duration", self.duration or integral)
         if not abs(integral - self.duration) <= DURATION_MISMATCH * self.duration:
             raise InvalidInput(f"law: its speed takes {integral!r} s, not {self.duration!r} s")
@@ -193,18 +143,21 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def phi(self) -> Smoothstep:
+        """The map from sigma to s."""
         return Smoothstep(self.smoothness)
 
     @cached_property
     def stretch(self) -> Stretch:
+        """The map from sigma to xi."""
         return Stretch(self.dense_at)
 
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
         """Time [s] since the start of each panel of sigma, and instants (panels + 1,) [s] of the edges.
 
-        The instant t(sigma) is the integral of dt/d sigma: the instant at which the panel of sigma starts
-        plus the time since then. Both parts are scaled so that the last instant is exactly `duration`.
+        The instant t(sigma) is the integral of dt/d sigma: the instant at which the panel of sigma starts,
+        plus the time since then. With a known duration both parts are scaled so that the last instant is
+        exactly `duration`.
         """
         slowness = slowness_on_panels(self.basis.cells, self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
@@ -218,21 +171,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate z [1/s^2] or its derivative in sigma up to order 3.
-
-        By the chain rule, with derivatives z_k of z in xi and primes for d/d sigma: z' = z_1 xi',
-        z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
-        """
-        z = partial(evaluate_on_cells, self.basis.cells, self.series, self.stretch(sigma))
-        if order == 0:
-            return z(0)
-        dxi = self.stretch(sigma, 1)
-        if order == 1:
-            return z(1) * dxi
-        ddxi = self.stretch(sigma, 2)
-        if order == 2:
-            return z(2) * dxi**2 + z(1) * ddxi
-        return z(3) * dxi**3 + 3 * z(2) * dxi * ddxi + z(1) * self.stretch(sigma, 3)
+        """Evaluate z(xi(sigma)) [1/s^2] or its derivative by sigma up to order 3, with the shape of sigma."""
+        xi, *xi_slopes = (self.stretch(sigma, k) for k in range(order + 1))
+        by_xi = [evaluate_on_cells(self.basis.cells, self.series, xi, k) for k in range(order + 1)]
+        return compose_derivatives(by_xi, xi_slopes)[order]
 
     def time(self, sigma: ArrayLike) -> Array:
         """Compute the instants t [s] of parameters sigma, with the shape of sigma.
@@ -262,33 +204,22 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], or the order is above 4.
         """
         check_order(order, HIGHEST_ORDER)
-        return self.evaluate_at(self.parameter(t), order)
+        return self.derivatives(t, order + 1)[order]
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        sigma = self.parameter(t)
-        return [self.evaluate_at(sigma, order) for order in range(count)]
+        """Compute s = phi(sigma(t)) and its derivatives of orders below `count` <= 5, each shaped like t.
 
-    def evaluate_at(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate s(sigma) or its time derivative [1/s^order] up to order 4.
-
-        With primes for d/d sigma, u = z'/2 and d/dt = sqrt(z) d/d sigma:
-        ds/dt = phi' sqrt(z), d2s/dt2 = phi' u + phi" z, d3s/dt3 = sqrt(z) J with
-        J = phi' u' + 3 phi" u + phi'" z, and d4s/dt4 = u J + z J'.
+        With primes for d/d sigma and u = z'/2, the time derivatives of sigma are sqrt(z), u, sqrt(z) u' and
+        u u' + z u".
         """
-        phi = [self.phi(sigma, k) for k in range(order + 1)]
-        if order == 0:
-            return phi[0]
-        z = self.squared_speed(sigma)
-        if order == 1:
-            return phi[1] * np.sqrt(z)
-        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]  # u, u', u"
-        if order == 2:
-            return phi[1] * u[0] + phi[2] * z
-        J = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z
-        if order == 3:
-            return np.sqrt(z) * J
-        dJ = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
-        return u[0] * J + z * dJ
+        sigma = self.parameter(t)
+        by_sigma = [self.phi(sigma, order) for order in range(count)]
+        z_slopes = [self.squared_speed(sigma, order) for order in range(count - 1)]
+        not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_slopes))
+        z, dz, ddz, dddz = z_slopes + not_needed  # by sigma
+        speed, u, du, ddu = np.sqrt(z), 0.5 * dz, 0.5 * ddz, 0.5 * dddz
+        sigma_rates = [speed, u, speed * du, u * du + z * ddu]
+        return compose_derivatives(by_sigma, sigma_rates[: count - 1])
 
     @property
     def edges(self) -> Array:
@@ -345,8 +276,8 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) Chebyshev series of time in x
     panel_duration = np.diff(edge_instants)[panel]
     x = np.clip(2.0 * time / panel_duration - 1.0, -1.0, 1.0)  # first guess: constant speed on the panel
-    for _ in range(12):
-        residual = time - _evaluate_each(x, series)
+    for _ in range(12):  # more steps than Newton's method needs from there
+        residual = time - evaluate_each(x, series)
         slowness = law.squared_speed(start + half_width * (x + 1.0)) ** -0.5  # dt/d sigma
         step = residual / (half_width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
@@ -366,65 +297,6 @@ def _check_cells(law: OptimalLaw) -> None:
         raise InvalidInput(f"law: {len(cells) - 1} cells need {spline_count} coefficients, got {count}")
 
 
-def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate Chebyshev series (k, size) on cells (k + 1,) at xi (...), or a derivative.
-
-    A point on an inner edge belongs to the cell on its right.
-    """
-    xi = np.asarray(xi, dtype=float)
-    flat = xi.ravel()  # (T,)
-    cell = np.searchsorted(cells[1:-1], flat, side="right")  # (T,) index of the cell of each point
-    half_widths = 0.5 * np.diff(cells)
-    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on the cell
-    local_derivative = series @ derivative_matrix(series.shape[1], order).T
-    derivative = local_derivative / half_widths[:, None] ** order  # (k, size) in xi
-    if len(cells) == 2:  # a single series is evaluated faster at all points together
-        return evaluate(local, derivative[0]).reshape(xi.shape)
-    return _evaluate_each(local, derivative[cell]).reshape(xi.shape)
-
-
-def _evaluate_each(x: Array, series: Array) -> Array:
-    """Evaluate T Chebyshev series (T, size), each at its own x (T,)."""
-    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
-    return np.einsum("tk,tk->t", polynomials, series)
-
-
-def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
-    """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
-
-    z is given by Chebyshev series `z_series` (k, size) on `cells` (k + 1,) of xi. A panel is accurate if the
-    truncation error of its time is below a share of the duration, or below the rounding error. An error eps
-    of z changes z^(-1/2) by eps z^(-3/2) / 2, so rounding errors grow where z is nearly zero.
-
-    Raises:
-        InvalidInput: z is not positive, or so near zero that rounding hides the duration.
-    """
-    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
-    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
-    edges[[0, -1]] = 0.0, 1.0
-    while len(edges) <= MAX_PANELS:
-        grid = TimeGrid(edges, PANEL_NODES)
-        widths = np.diff(edges)
-        z = evaluate_on_cells(cells, z_series, stretch(grid.times))
-        if not z.min() > 0:
-            break
-        slowness = grid.fit(z[:, None] ** -0.5)
-        series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
-        duration = series[:, 0] @ widths  # the first coefficient estimates the mean on each panel
-        last_coefficients = np.abs(series[:, -2:]).max(axis=1)  # estimate the truncated part
-        truncation = last_coefficients * widths  # (panels,) errors of time [s]
-        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
-        rounding = 0.5 * z_rounding * least_z**-1.5 * widths  # (panels,) [s]
-        is_coarse = truncation > np.maximum(SLOWNESS_TAIL * duration, rounding)
-        if not is_coarse.any():
-            if rounding.sum() > SLOWNESS_ROUNDING * duration:
-                break
-            return slowness
-        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]
-        edges = np.sort(np.concatenate([edges, middles]))
-    raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
-
-
 def count_reversals(speed: Array) -> int:
     """Count how often samples of a speed (T,) change between rising and falling.
 
@@ -442,3 +314,60 @@ def count_reversals(speed: Array) -> int:
             sign = -sign
             extreme = value
     return reversals
+
+
+@dataclass(frozen=True, eq=False)
+class InTime:
+    """A law with time as its parameter p, on panels between `edges` (panels + 1,) [s]."""
+
+    law: MotionLaw
+    edges: Array
+
+    def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
+        """Compute [s, ds/dt, d2s/dt2] at p (T,), and dp/dt = 1, d2p/dt2 = 0."""
+        return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
+
+    def parameter(self, t: Array) -> Array:
+        """Return p (T,) at instants t (T,) [s]: the instants themselves."""
+        return t
+
+
+@dataclass(frozen=True, eq=False)
+class OnParameter:
+    """An optimal law with xi(sigma) as its parameter p.
+
+    The panels end at the `knots` (k,) of the path, which are values of s.
+    """
+
+    law: OptimalLaw
+    knots: Array
+
+    @cached_property
+    def edges(self) -> Array:
+        """Panel edges (panels + 1,) in xi: both ends and the knots of the path."""
+        return np.concatenate([[-1.0], self.law.stretch(self.law.phi.inverse(self.knots)), [1.0]])
+
+    def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
+        """Compute [s, ds/dt, d2s/dt2], and dp/dt, d2p/dt2, at p (T,).
+
+        With p = xi(sigma), z = (d sigma/dt)^2, u = z'/2 and primes for d/d sigma, dp/dt = xi' sqrt(z) and
+        d2p/dt2 = xi" z + xi' u.
+        """
+        sigma = self.law.stretch.inverse(p)
+        return self.motion_at(p, self.law.squared_speed(sigma), 0.5 * self.law.squared_speed(sigma, 1))
+
+    def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
+        """Compute `motion` at p (T,) from given z and u instead of the law's own."""
+        sigma = self.law.stretch.inverse(p)
+        speed = np.sqrt(z)  # d sigma/dt
+        phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma
+        dxi = self.law.stretch(sigma, 1)
+        ddxi = self.law.stretch(sigma, 2)
+        return [phi, dphi * speed, ddphi * z + dphi * u], dxi * speed, ddxi * z + dxi * u
+
+    def parameter(self, t: Array) -> Array:
+        """Compute xi at instants t (T,) [s]."""
+        return self.law.stretch(self.law.parameter(t))
+
+
+Clock = InTime | OnParameter  # a law with its parameter p, on panels between `edges` (panels + 1,) of p

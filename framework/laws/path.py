@@ -13,29 +13,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import comb
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.laws.law import is_number
+from framework.laws.law import LARGEST, compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
 NO_KNOTS: Array = read_only(np.empty(0))
-MAX_COORDINATE = 1e30  # [m, rad] powers of it do not overflow
 DIFFERENCE_ROUNDING = 1e-10  # rounding error allowed in x of a user's own path, over the largest value
 DIFFERENCE_INTERVALS = 9  # on which derivatives of a user's own path are tested
-JUMP_INTERVALS, JUMP_GRIDS = 4096, 2  # of [0, 1], then of the interval with the largest change
+JUMP_INTERVALS = 4096  # of [0, 1], then of the interval with the largest change
 INTERVAL_LENGTH = 1e-3  # in s, unless knots are closer to each other
 GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 are spread evenly and lie on no regular grid
 
 
 class Path(Protocol):
-    """Any object with `n` coordinates, `knots` and a call `path(s, order)`."""
+    """Any object with `n` coordinates, `knots` (k,) inside (0, 1) and a call `path(s, order)`."""
 
     @property
     def n(self) -> int: ...
@@ -54,6 +52,10 @@ def expect_path(path: object) -> None:
 def _check_points(points: Any, least: int, kind: str) -> Array:
     """Return points (m, n) as an array.
 
+    Args:
+        least: least number m of points.
+        kind: kind of the path, for messages.
+
     Raises:
         InvalidInput: no path can pass through the points.
     """
@@ -65,17 +67,11 @@ def _check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if np.any(np.abs(array) > MAX_COORDINATE):
-        raise InvalidInput(f"{kind}: points must be at most {MAX_COORDINATE:g} in size, got {points!r}")
+    if np.any(np.abs(array) > LARGEST):
+        raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
-    return read_only(array)
-
-
-def _set_fields(frozen: object, **values: Any) -> None:
-    """Set derived attributes of a frozen object."""
-    for name, value in values.items():
-        object.__setattr__(frozen, name, value)
+    return array
 
 
 class PointPath(ReadOnlyArrays):
@@ -85,8 +81,14 @@ class PointPath(ReadOnlyArrays):
     points: Any
     blend: Any = None  # only a polyline has one
 
+    def _store(self, **values: Any) -> None:
+        """Set checked or derived fields; a frozen object refuses plain assignment."""
+        self.__dict__.update(values)
+        ReadOnlyArrays.__post_init__(self)
+
     @property
     def n(self) -> int:
+        """The number of coordinates."""
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
@@ -129,9 +131,10 @@ class Line(PointPath):
 
     def __post_init__(self) -> None:
         points = _check_points([self.start, self.end], 2, "line")
-        _set_fields(self, start=points[0], end=points[1], points=points)
+        self._store(start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
+        """Compute x(s) or a derivative in s, (T, n)."""
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
@@ -177,16 +180,15 @@ class Arc(PointPath):
         along_u, along_w = spokes @ (points[1:] - center).T  # (2,) each
         angle_via, angle_end = (np.arctan2(along_w, along_u) % (2 * np.pi)).tolist()
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
-        _set_fields(
-            self,
+        self._store(
             start=start,
             via=via,
             end=end,
             points=points,
-            center=read_only(center),
+            center=center,
             radius=radius,
             angle=angle,
-            _spokes=read_only(spokes),
+            _spokes=spokes,
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
@@ -205,9 +207,9 @@ def _circle_center(points: Array) -> Array:
     """
     start = points[0]
     chords = points[1:] - start
-    shorter, longer = chords
-    along = (longer @ shorter) / (shorter @ shorter) * shorter
-    if np.linalg.norm(longer - along) <= DEGENERATE_PATH * np.linalg.norm(longer):
+    to_via, to_end = chords
+    along = (to_end @ to_via) / (to_via @ to_via) * to_via  # the part of to_end along to_via
+    if np.linalg.norm(to_end - along) <= DEGENERATE_PATH * np.linalg.norm(to_end):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
     return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
 
@@ -229,7 +231,7 @@ class Spline(PointPath):
         return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
-        """Check the distances between points; compute s at the points, and the inner knots.
+        """Check the distances between points; compute s at the points, and the inner knots in s.
 
         By the not-a-knot condition neither the ends nor the two points next to each end are inner knots. The
         knots are computed here because scipy 1.13 does so for odd degrees only.
@@ -237,7 +239,7 @@ class Spline(PointPath):
         points = _check_points(self.points, 2, "spline")
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
-            k = np.argmin(chords)
+            k = np.argmin(chords)  # the shortest chord
             raise InvalidInput(
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
                 f"uneven to tell their places on the curve"
@@ -245,15 +247,15 @@ class Spline(PointPath):
         shares = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
         shares[-1] = 1.0
         left_out = 3  # values of s at each end that are no inner knots
-        knots = read_only(shares[left_out:-left_out])
-        _set_fields(self, points=points, knots=knots, _shares=read_only(shares))
+        knots = shares[left_out:-left_out]
+        self._store(points=points, knots=knots, _shares=shares)
 
     @cached_property
     def _spline(self) -> Any:
         """The interpolating spline in s, of degree 5 or less."""
         from scipy.interpolate import make_interp_spline
 
-        degree = min(5, len(self.points) - 1)
+        degree = min(HIGHEST_ORDER + 1, len(self.points) - 1)
         knots = np.concatenate((np.zeros(degree + 1), self.knots, np.ones(degree + 1)))
         return make_interp_spline(self._shares, self.points, k=degree, t=knots)
 
@@ -300,16 +302,16 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
-        longest = 0.5 * lengths.min()
+        longest = 0.5 * lengths.min()  # blend
         if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
                 f"polyline: blend must be from {SMALLEST_BLEND * longest:.2g} to {longest:.6g}, half of the "
                 f"shortest segment, got {self.blend!r}"
             )
         blend = min(float(self.blend), longest)
-        back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
-        if back.any():
-            corner = np.argmax(back) + 1
+        turns_back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
+        if turns_back.any():
+            corner = np.argmax(turns_back) + 1
             raise InvalidInput(
                 f"polyline: at point {corner}, {points[corner].tolist()}, it turns straight back: no smooth "
                 f"path does; stop there, and plan two motions"
@@ -317,71 +319,44 @@ class Polyline(PointPath):
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
         blend_ends = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         knots = np.unique(np.round(blend_ends, 14))  # merges the ends of two blends that meet
-        _set_fields(
-            self,
+        self._store(
             points=points,
             blend=blend,
-            knots=read_only(knots),
-            _arc_lengths=read_only(arc_lengths),
-            _directions=read_only(directions),
+            knots=knots,
+            _arc_lengths=arc_lengths,
+            _directions=directions,
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or a derivative in s, (T, n).
 
-        Near a corner c, x = c + b (-f(-w) d_1 + f(w) d_2). The segments before and after c have the
-        directions d_1 and d_2, b is `blend`, and f is the blend of `_blend_value`. The distance from c along
-        the segments is w b. By the chain rule each derivative in s has a factor dw/ds = total length / b.
+        Near a corner c, x = c + b ((w - f(w)) d_1 + f(w) d_2). The segments before and after c have the
+        directions d_1 and d_2, b is `blend`, and w b is the distance from c along the segments. The blend f
+        is 0 for w <= -1 and w for w >= 1. By the chain rule each derivative in s has a factor
+        dw/ds = total length / b.
         """
         length = self._arc_lengths[-1]
         corners = self._arc_lengths[1:-1]
         corner = np.abs(s[:, None] * length - corners).argmin(axis=1)  # (T,) index of the nearest corner
         w = (s * length - corners[corner]) / self.blend
-        dw_ds = length / self.blend
-        f_before = (-1.0) ** (order + 1) * _blend_value(-w, order)  # derivative of -f(-w) in w
-        f_after = _blend_value(w, order)
-        along_before = f_before[:, None] * self._directions[corner]
-        along_after = f_after[:, None] * self._directions[corner + 1]
-        value = (along_before + along_after) * self.blend * dw_ds**order
+        line = Polynomial([0.0, 1.0]).deriv(order)(w)
+        f = np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line, _BLEND.deriv(order)(w)))
+        along_before = (line - f)[:, None] * self._directions[corner]
+        along_after = f[:, None] * self._directions[corner + 1]
+        value = (along_before + along_after) * self.blend * (length / self.blend) ** order
         return value + self.points[corner + 1] if order == 0 else value
-
-
-def _blend_value(w: Array, order: int) -> Array:
-    """Compute the blend f(w) or a derivative; f is 0 for w <= -1, and w for w >= 1."""
-    blend = _BLEND.deriv(order)
-    line = Polynomial([0.0, 1.0]).deriv(order)
-    return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line(w), blend(w)))
 
 
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """Compute time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
 
-    `law_values[k]` (T,) is the k-th time derivative of s. By Faa di Bruno's formula the derivative of order m
-    is the sum over k of x^(k)(s) B_mk, with the Bell polynomials
-    B_mk = sum over i of binom(m-1, i-1) s^(i) B_(m-i)(k-1).
+    `law_values[k]` (T,) is the k-th time derivative of s.
     """
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
-    x = [path(law_values[0], k) for k in range(order + 1)]  # derivatives in s
-    bell = _bell_polynomials([value[..., None] for value in law_values])
-    derivatives = [x[0]]
-    for m in range(1, order + 1):
-        terms = [x[k] * bell[m, k] for k in range(1, m + 1)]
-        derivatives.append(np.sum(terms, axis=0))
-    return derivatives
-
-
-def _bell_polynomials(ds: list[Array]) -> dict[tuple[int, int], Array]:
-    """Compute the Bell polynomials B_mk of `time_derivatives`, by (m, k).
-
-    `ds[i]` is the time derivative of s of order i, of shape (T, 1).
-    """
-    bell = {(m, 0): np.array(float(m == 0)) for m in range(len(ds))}
-    for m in range(1, len(ds)):
-        for k in range(1, m + 1):
-            terms = [comb(m - 1, i - 1) * ds[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
-            bell[m, k] = np.sum(terms, axis=0)
-    return bell
+    s, *s_rates = law_values
+    by_s = [path(s, k) for k in range(order + 1)]  # x and its derivatives by s
+    return compose_derivatives(by_s, [rate[..., None] for rate in s_rates])
 
 
 # ------------------------------------------------------------------ the check of a user's own path
@@ -414,7 +389,8 @@ def check_path(path: Path) -> None:
 def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
     """Compare means of a derivative over intervals with difference quotients of the order below.
 
-    The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
+    The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a). The
+    intervals have `starts` and `lengths` (intervals,) in s.
     """
     values = _evaluate_path(path, np.append(starts, starts + lengths), order - 1)  # (2 intervals, n)
     at_start, at_end = np.split(values, 2)
@@ -447,7 +423,7 @@ def _check_continuous(path: Path, order: int) -> None:
     """
     s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
     largest_changes = []  # on each grid
-    for _ in range(JUMP_GRIDS):
+    for _ in range(2):
         values = _evaluate_path(path, s, order)
         changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (intervals,)
         k = changes.argmax()

@@ -18,8 +18,8 @@ from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
-from framework.laws.clock import InTime
 from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
+from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 from framework.planning.condition import (

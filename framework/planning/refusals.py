@@ -58,9 +58,9 @@ The optimal law:
         planning.optimal.optimal_task.check_speeds
         kinematics.continuation.tracking.escape_error
     NoLaw: a motor cannot hold an end of the path, or limits are too low
-        planning.optimal.limit_refusals.refuse_law
+        planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
-        planning.optimal.limit_refusals.refuse_law
+        planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
     NoLaw: the springs give way at an end, at rest
@@ -85,7 +85,7 @@ The motion, under either law or one of the user's own:
         kinematics.motion_rates.motion_at
     NotConverged: no deflections found in equilibrium with their forces
         dynamics.elasticity.solve_deflections
-        dynamics.refusals.unsettled_error
+        dynamics.motion_checks.unsettled_error
     NotConverged: no law near this one has deflections in balance
         dynamics.restoration.solve_balance
         planning.optimal.elastic_balance.find_law_in_balance
@@ -95,13 +95,13 @@ The motion, under either law or one of the user's own:
     NotConverged: springs tear the loops open
         dynamics.inverse_dynamics.resolve
     NotConverged: torques, deflections or a near miss are not resolved
-        dynamics.refusals.unresolved_error
+        dynamics.motion_checks.unresolved_error
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.residuals.measure_residuals
+        dynamics.motion_checks.measure_residuals
     LoadedJoint: a joint is loaded that nothing holds
-        dynamics.residuals.check_idle_joints
+        dynamics.motion_checks.check_idle_joints
 
 The plan:
 

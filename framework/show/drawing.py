@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.path import Path
 
-from framework.dynamics.action_lines import action_lines
+from framework.dynamics.platform_wrench import action_lines
 from framework.errors import check_choice
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -15,9 +15,8 @@ import numpy as np
 
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.motor_limits import motor_limits
-from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
+from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench, wrench_curves
 from framework.dynamics.result import SingularityCrossing
-from framework.dynamics.wrench import wrench_curves
 from framework.errors import UnboundedTorque
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.motion_rates import Motion

@@ -14,8 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
-from framework.dynamics.action_lines import action_lines
-from framework.dynamics.platform_wrench import hold_at
+from framework.dynamics.platform_wrench import action_lines, hold_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot

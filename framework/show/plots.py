@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
-from framework.dynamics.wrench import measure_at_rest, wrench_along
+from framework.dynamics.platform_wrench import measure_at_rest, wrench_along
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from framework.dynamics.action_lines import action_lines
+from framework.dynamics.platform_wrench import action_lines
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     carried_points,

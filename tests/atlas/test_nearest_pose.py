@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from framework.atlas.nearest_pose import nearest_pose
 from scipy.optimize import minimize
 
 import robots

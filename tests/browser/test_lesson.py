@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.dynamics.wrench import wrench_along
+from framework.dynamics.platform_wrench import wrench_along
 from framework.kinematics.placements import joint_poses
 from framework.planning.planar_crossing import planar_crossing
 from framework.planning.scenes import scene, scene_path

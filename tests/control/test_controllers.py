@@ -19,7 +19,7 @@ from framework.control.controllers import (
     solve_damped,
     solve_riccati,
 )
-from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.forward_dynamics import forward_derivatives
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
 ROBOTS = [("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rrr", "crossing"), ("gough_stewart", "tilt")]

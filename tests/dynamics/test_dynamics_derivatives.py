@@ -20,7 +20,7 @@ from framework import (
     forward_dynamics,
 )
 from framework.dynamics.body_parameters import body_parameters
-from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.forward_dynamics import forward_derivatives
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops

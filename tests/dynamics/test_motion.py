@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from framework.dynamics.wrench import wrench_along, wrench_curves
+from framework.dynamics.platform_wrench import wrench_along, wrench_curves
 from tests.robots.every_robot import planned
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])

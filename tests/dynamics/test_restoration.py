@@ -13,7 +13,7 @@ from framework import CrossingPlan, plan_crossing
 from framework.dynamics.balance_equations import BalanceEquations
 from framework.dynamics.inverse_dynamics import resolve_law
 from framework.dynamics.restoration import deflections_of
-from framework.laws.clock import OnParameter
+from framework.laws.optimal_law import OnParameter
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import MAX_END_RATE
 from tests.benchmarks.upright_robots import drawn, is_right, judged

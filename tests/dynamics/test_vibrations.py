@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import assemble
-from framework.dynamics.vibrations import free_motor_frequency
+from framework.dynamics.stiffness import free_motor_frequency
 from tests.oracles.planar import cross, legs
 
 DRIVE, ROD, ROTOR, PAYLOAD = 25000.0, 350000.0, 6.4e-6 * 50**2, 10.0  # [N m/rad], [N/m], [kg m^2], [kg]

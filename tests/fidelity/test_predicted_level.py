@@ -93,7 +93,7 @@ def test_errors_of_the_platform_are_accelerated_by_the_robot_s_own_mass():
     """A free payload of 10 kg on massless legs: the 5R's platform, whose rotors weigh little."""
     plan = plan_scene(robots.load("five_bar"), "A")
     dynamics = error_dynamics(plan.dynamics, np.linspace(0.0, 1.5, 5))
-    np.testing.assert_allclose(np.linalg.eigvalsh(dynamics.forced).min(axis=1), -0.1, rtol=0.1)
+    np.testing.assert_allclose(np.linalg.eigvalsh(dynamics.per_wrench).min(axis=1), -0.1, rtol=0.1)
 
 
 def test_an_error_that_is_not_a_number_is_not_none():

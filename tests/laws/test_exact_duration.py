@@ -9,9 +9,8 @@ from numpy.polynomial import chebyshev
 from scipy.interpolate import BSpline
 
 from framework import InvalidInput
-from framework.laws.exact_duration import SpeedSpace
-from framework.laws.optimal_law import OptimalLaw, Stretch
-from framework.laws.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
+from framework.laws.optimal_law import OptimalLaw
+from framework.laws.squared_speed import ONE_CELL, SPLINE_DEGREE, SpeedBasis, SpeedSpace, Stretch
 from framework.numerics.cone_program import Affine
 
 SERIES = SpeedSpace(SpeedBasis(np.array(ONE_CELL), 3), Stretch())

@@ -9,7 +9,8 @@ from numpy.polynomial import chebyshev
 
 from framework import InvalidInput, Law
 from framework.laws.law import PlannedLaw
-from framework.laws.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep, count_reversals
+from framework.laws.optimal_law import OptimalLaw, Smoothstep, count_reversals
+from framework.laws.squared_speed import STRETCH_HEIGHT, STRETCH_WIDTH
 from framework.numerics.chebyshev import TimeGrid
 
 RNG = np.random.default_rng(7)

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.dynamics.wrench import wrench_along
+from framework.dynamics.platform_wrench import wrench_along
 from framework.planning.scenes import scene_request
 from framework.show.film import film_motion
 

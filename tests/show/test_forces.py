@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.dynamics.action_lines import action_lines
+from framework.dynamics.platform_wrench import action_lines
 from framework.show.scene import force_edges, why_no_figure
 from framework.show.shapes import body_shapes, motor_shapes
 from tests.show.test_film import filmed

@@ -26,9 +26,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron
+from scipy.sparse import block_diag, csr_array, diags_array, eye_array, hstack, kron
 
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array
 from framework.numerics.bernstein import (
     DEGREE,
     Bernstein,
@@ -47,12 +47,13 @@ from framework.numerics.cone_program import (
 )
 from framework.planning.optimal.path_series import PathSeries
 
-MULTIPLIER_DEGREE = 2  # of x: degree 1 errs by the width of the cells in the factor, degree 2 by its square
+MULTIPLIER_DEGREE = (
+    2  # of x; degree 1 would err by the width of the cells in the factor, degree 2 by its square
+)
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
-HALVINGS = 2  # of cells on which |nu| is integrated
+HALVINGS = 2  # of each cell, for the bound of the integral of |nu|
 SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
-MAX_NEWTON_STEPS = 20
-SOLVER_ERROR = 1e-7  # of rows of the program
+SOLVER_ERROR = 1e-7  # by which a solution may violate the rows of the program
 # degree elevation to SIZE Bernstein coefficients: of a series, of a line, of the slope of x
 _ELEVATED_SERIES, _ELEVATED_LINE = elevation_matrix(DEGREE, SIZE - 1), elevation_matrix(1, SIZE - 1)
 _ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
@@ -61,9 +62,11 @@ _ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
 class Multipliers(NamedTuple):
     """Multipliers on k cells: functions in Bernstein form, and lambda.
 
-    x: (k, MULTIPLIER_DEGREE + 1, m) coefficients of x_i in nu = sum of x_i v_i.
-    mu: (k, n), constant on each cell.
-    minorant: (k, 2) values at both ends of each cell; this line, shifted by a constant, is below the factor.
+    x: coefficients (k, MULTIPLIER_DEGREE + 1, m) of x_i in nu = sum of x_i v_i.
+    mu: multipliers (k, n) of the speed limits, constant on each cell.
+    minorant: values (k, 2) at both ends of each cell of a line that, shifted by a constant, is below the
+        factor.
+    lam: lambda.
     """
 
     x: Array
@@ -75,8 +78,9 @@ class Multipliers(NamedTuple):
 class Evidence(NamedTuple):
     """The bound that multipliers prove.
 
-    lacking: (k,) how far below zero the factor may be on each cell; the bound is proved if all are 0.
-    shares: (k,) of each cell in the integral of |nu|_1.
+    value: the bound of the peak over the reference, or of the duration [s].
+    lacking: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
+    shares: shares (k,) of the cells in the integral of |nu|_1.
     """
 
     value: float
@@ -99,17 +103,19 @@ class DualProgram:
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
         """Compute the bound that multipliers prove.
 
+        With a lower bound `total` of the right side of the header's inequality,
         P integral of |nu|_1 + lambda T >= total gives P >= (total - lambda longest) / integral of |nu|_1, or
         T >= (total - integral of |nu|_1) / lambda.
         """
         width = self.series.width
-        # a line below the factor, by its values (k, 2) at both ends of each cell
+        # a line below the factor: its values (k, 2) at both ends of each cell
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
         terms = self._bound_terms(multipliers, least_factor)
         norm = self._bound_norm(multipliers.x)
         total_norm = width @ norm  # the integral of |nu|_1
         rounding = SUM_ROUNDING * ((np.abs(terms) @ width).sum() + total_norm)
         total = (terms @ width).sum() - rounding
+
         if self.timed:
             value = (total - total_norm) / multipliers.lam
         else:
@@ -119,19 +125,21 @@ class DualProgram:
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
         """Bound the means (3, k) of nu . c, -mu and C(factor, nu . d) on each cell from below.
 
-        C is concave in the factor. Along a line below the factor, the mean of C is therefore at least the
-        mean of its values at both ends.
+        C is concave in the factor. Along a line below the factor, the mean of C on a cell is therefore at
+        least the mean of its values at both ends.
 
         Args:
             least_factor: (k, 2) values of the line at both ends of each cell.
         """
-        least_damping = _bound_sum(self.series.damping, multipliers.x).least
+        damping, damping_error = _sum_products(self.series.damping, multipliers.x)
+        least_damping = damping.min(axis=1) - damping_error
         end_costs = _bound_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
-        mean_constant = _bound_sum(self.series.constant, multipliers.x).mean
+        constant, constant_error = _sum_products(self.series.constant, multipliers.x)
+        mean_constant = constant.mean(axis=1) - constant_error
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
-        """Bound the mean (k,) of |nu|_1 on each cell from above."""
+        """Bound the mean (k,) of |nu|_1 on each cell from above, for the coefficients x of `Multipliers`."""
         v = self.series.v
         nu = multiply(v.coefficients, x[..., None]).sum(axis=2)
         error = (np.abs(x).max(axis=1)[..., None] * v.error).sum(axis=(1, 2))
@@ -145,11 +153,11 @@ class DualProgram:
         series = self.series
         x, mu, minorant, _ = multipliers
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
-        speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)
-        distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
+        speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)  # mu . k
+        distance, error = _sum_products(series.per_z, x)  # nu . cz
+        distance -= p_slope @ _ELEVATED_SLOPE.T
         distance += speed_terms @ _ELEVATED_SERIES.T
         distance -= minorant @ _ELEVATED_LINE.T
-        error = (np.abs(x).max(axis=1) * series.per_z.error).sum(axis=1)
         return distance.min(axis=1) - error - (mu * series.squared_speed.error).sum(axis=1)
 
     # ------------------------------------------------------------------ the program
@@ -169,6 +177,7 @@ class DualProgram:
             self._add_damping(draft)
         if self.timed or self.longest is not None:
             self._add_duration(draft)
+
         # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
         rows = {name: diags_array(scaling) @ part for name, part in draft.factor.items()}
@@ -181,11 +190,12 @@ class DualProgram:
         return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum)
 
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
-        """Return the multipliers of a solution, times their units; zero if not among the unknowns."""
+        """Return the multipliers of a solution, times their units; zero if not among the unknowns.
+
+        Multipliers that must not be negative are raised to zero, as the solver may miss it by an error.
+        """
         count = len(self.series.width)
-        x = np.stack([unknowns["x"][columns] for columns in self._x_columns], axis=2)
-        x[..., 0] *= self.p_unit
-        x[..., 1:] *= self._nu_unit[:, None, None]
+        x = np.reshape(self._x_coefficients @ unknowns["x"], (count, MULTIPLIER_DEGREE + 1, -1))
         mu = unknowns.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
         minorant = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
         minorant = self.p_unit * self._slowness**3 * minorant
@@ -193,7 +203,7 @@ class DualProgram:
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
-        """Add x to the cost and the factor, and t >= |nu|.
+        """Add the unknowns x to the cost and the factor, and unknowns t >= |nu|.
 
         The cost contains nu . c, the factor nu . cz - p'. On a cell p' has the coefficients
         MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
@@ -205,15 +215,19 @@ class DualProgram:
         width = series.width
         m = series.v.error.shape[2]
         count = len(width) * SIZE  # number of coefficients of a function on all cells
+
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
         draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
         draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c
+
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        slopes = np.broadcast_to(self.p_unit * slope, (len(width), *slope.shape))
-        draft.factor["x"] = nu_cz - _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
+        cell_slope = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
+        p_slope = kron(eye_array(len(width)), cell_slope, format="csr") @ self._x_coefficients
+        draft.factor["x"] = nu_cz - p_slope
+
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
@@ -238,8 +252,7 @@ class DualProgram:
         count, _, n = squared_speed.shape
         # Bernstein coefficients (cells, SIZE, n) of k(s), elevated to the degree of the factor
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]
-        columns = np.arange(count)[:, None]  # of the one unknown of each cell
-        parts = [_block_rows(terms[..., motor, None], columns, count) for motor in range(n)]
+        parts = [block_diag([*terms[..., motor, None]], format="csr") for motor in range(n)]
         draft.factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
@@ -248,9 +261,9 @@ class DualProgram:
     def _add_damping(self, draft: _Draft) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
 
-        The unknowns drag, omega, phi and loss are not negative and constant on cells, with nu . d >= drag -
-        omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) >= -omega^2 / (4 phi) is at
-        least -loss. `_add_duration` uses drag.
+        The unknowns drag, omega, phi and loss are not negative and constant on cells. They bound the term by
+        nu . d >= drag - omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) is at
+        least -omega^2 / (4 phi), which is at least -loss. `_add_duration` uses drag.
         """
         width = self.series.width
         count = len(width)
@@ -278,10 +291,9 @@ class DualProgram:
         """
         width = self.series.width[:, None]
         count = 2 * len(width)
-        ends = np.arange(count).reshape(-1, 2)
         identity = eye_array(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
-        draft.factor["minorant"] = _block_rows(lines, ends, count)
+        draft.factor["minorant"] = block_diag([*lines], format="csr")
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
         end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
@@ -300,8 +312,8 @@ class DualProgram:
     def _add_drag(self, draft: _Draft) -> Any:
         """Add `share` and `dragged`, constant on cells; return -share / 2 as rows (2 k, k) at ends of cells.
 
-        Each cell spends a share of lambda on drag: `dragged` is at most 2 (drag share)^(1/2), the least of
-        drag z^(1/2) + share z^(-1/2).
+        Each cell spends a share of lambda on drag. `dragged` is part of the bound: it is at most
+        2 (drag share)^(1/2), the least of drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
@@ -324,6 +336,7 @@ class DualProgram:
 
     @property
     def _lambda_unit(self) -> float:
+        """The size of lambda if its term in C is as large as that of p."""
         return self.p_unit / self.time_unit**3
 
     @cached_property
@@ -347,18 +360,20 @@ class DualProgram:
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
     @cached_property
-    def _x_columns(self) -> list[IntArray]:
-        """The columns (k, MULTIPLIER_DEGREE + 1) of each x_i among the unknowns "x".
+    def _x_coefficients(self) -> Any:
+        """The sparse matrix from the unknowns "x" to all coefficients (k, MULTIPLIER_DEGREE + 1, m) of x.
 
-        x_0 is continuous: neighbouring cells share the coefficient at their common edge. The other x_i have
-        coefficients of their own on each cell.
+        x_0 is continuous: neighbouring cells share the unknown at their common edge. The other x_i have
+        unknowns of their own on each cell. The matrix contains the units of the unknowns.
         """
-        count = len(self.series.width)
+        count, m = len(self.series.width), self.series.v.error.shape[2]
         size = MULTIPLIER_DEGREE + 1
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)
-        shape = self.series.v.error.shape[2] - 1, count, size
-        others = continuous[-1, -1] + 1 + np.arange(np.prod(shape)).reshape(shape)
-        return [continuous, *others]
+        others = continuous[-1, -1] + 1 + np.arange(count * size * (m - 1))
+        columns = np.dstack([continuous, others.reshape(count, size, m - 1)]).ravel()
+        units = np.repeat(self._nu_unit, size * m).reshape(count, size, m)
+        units[..., 0] = self.p_unit
+        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))
 
     def _x_rows(self, functions: Array) -> Any:
         """Return rows (k SIZE, number of unknowns "x") of the coefficients of sum f_i x_i.
@@ -367,13 +382,8 @@ class DualProgram:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
-        count = int(self._x_columns[-1][-1, -1]) + 1
-        rows = csr_array((len(functions) * SIZE, count))
-        for i, columns in enumerate(self._x_columns):
-            unit = self.p_unit if i == 0 else self._nu_unit[:, None, None]
-            blocks = unit * np.einsum("jab,ka->kjb", weights, functions[..., i])
-            rows = rows + _block_rows(blocks, columns, count)
-        return rows
+        blocks = np.einsum("jab,kam->kjbm", weights, functions)
+        return block_diag([*blocks.reshape(len(functions), SIZE, -1)], format="csr") @ self._x_coefficients
 
 
 def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
@@ -381,55 +391,69 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
 
     The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound; the root gives the sharpest.
     The terms are bounded as follows:
-    With w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y).
-    With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
-    The remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
+
+    * with w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y);
+    * with w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2);
+    * the remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
+
+    Args:
+        factor: F >= 0.
+        damping: w.
+        lam: lambda.
     """
     y = _cost_minimiser(factor, damping, lam)
     positive = np.maximum(damping, 0.0)
     negative = np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        without_root = np.where(negative < 0.0, -np.inf, 0.0)  # no bound with w < 0
+        without_root = np.where(negative < 0.0, -np.inf, 0.0)  # y = 0 gives no bound with w < 0
         tangent_slope = np.where(y > 0.0, negative / (2.0 * y), without_root)
-    share = np.minimum(positive * y**2, lam)
+    share = np.minimum(positive * y**2, lam)  # the sharpest one if y is the root
     remaining = factor + tangent_slope
     cost = 1.5 * np.cbrt(2.0 * np.maximum(remaining, 0.0) * (lam - share) ** 2)
-    cost = cost + 2.0 * np.sqrt(positive * share)
-    return np.where(remaining >= 0.0, cost + 0.5 * negative * y, -np.inf)
+    cost = cost + 2.0 * np.sqrt(positive * share) + 0.5 * negative * y
+    return np.where(remaining >= 0.0, cost, -np.inf)
 
 
 def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     """Solve 2 F y^3 + w y^2 = lambda for y by Newton's method from above; 0 without a root.
 
-    F is the factor, w the damping. The root is enlarged by rounding.
+    F is the factor, w the damping, lambda `lam`. The iterates fall until rounding stops them. The root is
+    enlarged by rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
-        for _ in range(MAX_NEWTON_STEPS):
+        falls = True
+        while falls:
             residual = 2.0 * factor * y**3 + damping * y**2 - lam
-            y = y - residual / (6.0 * factor * y**2 + 2.0 * damping * y)
+            step = residual / (6.0 * factor * y**2 + 2.0 * damping * y)
+            falls = bool((y - step < (1.0 - SUM_ROUNDING) * y).any())  # not for NaN
+            y = y - step
     return np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
 
 
-class _SumBounds(NamedTuple):
-    """Lower bounds (k,) of a function on each cell."""
+def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
+    """Compute the coefficients (k, SIZE) of sum f_i x_i on each cell, and their error (k,).
 
-    least: Array
-    mean: Array
+    The values of a function are between its least and its largest coefficient; its mean is theirs.
 
-
-def _bound_sum(functions: Bernstein, x: Array) -> _SumBounds:
-    """Bound the least value and the mean (k,) of sum f_i x_i on each cell from below."""
+    Args:
+        functions: the m functions f_i.
+        x: coefficients (k, MULTIPLIER_DEGREE + 1, m) of the multipliers x_i.
+    """
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)
-    return _SumBounds(total.min(axis=1) - error, total.mean(axis=1) - error)
+    return total, error
 
 
 @dataclass
 class _Draft:
-    """The collected parts of a cone program.
+    """The collected parts of a cone program, by names of the unknowns.
 
-    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width, by unknowns.
+    sizes: number of unknowns of each name.
+    cost: cost of each unknown.
+    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width.
+    equal, nonnegative, cones: affine functions that must vanish, must not be negative, or lie in cones, as
+        for `ConeProgram`.
     """
 
     sizes: dict[str, int] = field(default_factory=dict)
@@ -438,11 +462,3 @@ class _Draft:
     equal: list[AffineRows] = field(default_factory=list)
     nonnegative: list[AffineRows] = field(default_factory=list)
     cones: list[list[AffineRows]] = field(default_factory=list)
-
-
-def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:
-    """Return a sparse matrix (k r, count) of blocks (k, r, c), one below the other, at `columns` (k, c)."""
-    k, r, c = blocks.shape
-    row = np.repeat(np.arange(k * r), c)
-    column = np.repeat(columns, r, axis=0)  # (k r, c)
-    return csr_array((blocks.ravel(), (row, column.ravel())), shape=(k * r, count))

@@ -13,10 +13,8 @@ import numpy as np
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import BalanceSolution, solve_balance
 from framework.errors import InvalidInput, NotConverged
-from framework.laws.clock import OnParameter
-from framework.laws.exact_duration import SpeedSpace
-from framework.laws.optimal_law import OptimalLaw
-from framework.laws.speed_basis import ONE_CELL, SpeedBasis
+from framework.laws.optimal_law import OnParameter, OptimalLaw
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine

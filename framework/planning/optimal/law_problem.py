@@ -14,12 +14,12 @@ from scipy.sparse import csr_array, diags_array, vstack
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
-from framework.laws.speed_basis import ONE_CELL, SpeedBasis
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
-from framework.planning.optimal.sampled_demand import SampledDemand
 from framework.planning.request import Specification
 
 POLE_WIDTH = 0.05  # distance in xi from a crossing within which the pole is removed from torque rows

@@ -9,7 +9,6 @@ and q have poles along one direction: whatever the limits, the range closes to t
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -18,22 +17,12 @@ from framework.dynamics.motor_friction import motor_friction
 from framework.kinematics.continuation.tracking import track_path
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array
-from framework.planning.optimal.phase_plane import demand
+from framework.planning.optimal.phase_plane import Demand, demand
 from framework.planning.result import CrossingPlan
 
-SPEED_SAMPLES = 241
+LAW_SAMPLES = 241  # instants of the law, besides those at a crossing
 CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of instants beside a crossing, over the duration
 CORNER_ROUNDING = 1e-9  # share of a limit by which a corner of the region may exceed it
-
-
-class MotorDemand(NamedTuple):
-    """Torques constant + per_speed s' + per_z s'^2 + per_u s" at T values of s; all (T, n_a)."""
-
-    constant: Array
-    per_speed: Array
-    per_z: Array
-    per_u: Array
-    motor_speed: Array  # speed over s', motor side
 
 
 class LimitCurves(NamedTuple):
@@ -43,7 +32,7 @@ class LimitCurves(NamedTuple):
     where nothing limits s', and NaN where the motors cannot even hold the robot.
     """
 
-    s: Array  # (T,)
+    s: Array  # (T,) path coordinate of the law
     speed: Array  # (T,) s' of the law [1/s]
     acceleration: Array  # (T,) s" of the law [1/s^2]
     highest_speed: Array  # (T,) [1/s]
@@ -53,7 +42,7 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the limit curves of a plan; its peak torque replaces absent limits."""
+    """Compute the limit curves of a plan; without torque limits, its peak torque is the limit."""
     torque_limit, speed_limit = _choose_limits(plan)
     times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
@@ -64,14 +53,14 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
     return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
 
 
-def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
-    """Compute torques and speeds of the undeformed robot's motors at s (T,), friction included."""
+def _motor_demand(plan: CrossingPlan, s: Array) -> Demand:
+    """Compute torques and speeds of the undeformed robot's motors at s (T,), dry friction included."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
     required = demand(branch, Smoothstep(0), s)  # sigma = s
-    constant, per_z, per_u = required.torque
     friction = required.friction(motor_friction(robot, plan.request.friction))
-    return MotorDemand(constant + friction, required.damping, per_z, per_u, np.abs(required.speed))
+    torque = required.torque._replace(constant=required.torque.constant + friction)
+    return required._replace(torque=torque)
 
 
 def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
@@ -83,82 +72,95 @@ def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
     if plan.optimality is None:
         return unlimited, np.full(plan.robot.n_a, np.inf)
     specification = plan.optimality.specification
-    return (specification.torque_limit if specification.limited else unlimited), specification.speed_limit
+    torque_limit = specification.torque_limit if specification.limited else unlimited
+    return torque_limit, specification.speed_limit
 
 
 def _choose_instants(plan: CrossingPlan) -> Array:
-    """Return instants (T,) [s], dense beside crossings and never on one."""
-    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
+    """Return ascending instants (T,) [s], dense at the ends and beside crossings, and never on a crossing."""
+    duration = plan.duration
+    offsets = duration * CROSSING_OFFSETS
+    times = 0.5 * duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, LAW_SAMPLES)))
     for crossing in plan.crossings:
-        times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
-        beside = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
-        times = np.concatenate([times, beside[(beside > 0) & (beside < plan.duration)]])
-    return np.unique(times)
+        times = times[np.abs(times - crossing.time) > offsets[0]]
+        times = np.concatenate([times, crossing.time - offsets, crossing.time + offsets])
+    return np.unique(times[(times >= 0) & (times <= duration)])
 
 
-def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) at speeds s' (T,) within torque limits (n_a,)."""
-    constant, per_speed, per_z, per_u, _ = required
-    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # torques with s" = 0
+def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[Array, Array]:
+    """Compute the least and the largest s" (T,) [1/s^2] within torque limits.
+
+    Args:
+        required: torques of the motors with sigma = s.
+        speed: s' (T,) [1/s] of the law.
+        limit: torque limits (n_a,) [N m].
+    """
+    constant, per_z, per_u = required.torque
+    ds = speed[:, None]
+    at_zero = constant + (required.damping + per_z * ds) * ds  # (T, n_a) torques with s" = 0
     with np.errstate(divide="ignore", invalid="ignore"):
         # both ends (T, n_a) of the range of s" of each motor
         lowest, highest = np.sort([(-limit - at_zero) / per_u, (limit - at_zero) / per_u], axis=0)
     return np.nanmax(lowest, axis=1), np.nanmin(highest, axis=1)
 
 
-def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
-    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region.
+def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> Array:
+    """Compute the largest s' (T,) [1/s] at which some s" keeps all limits: a corner of their region.
 
-    Each sign of each of the k limited torques gives an edge per_speed s' + per_z s'^2 + per_u s" <= limit -
-    constant, divided by the limit: m = 2 k edges.
+    Each sign of each of the k limited torques gives an edge
+
+        (per_speed s' + per_z s'^2 + per_u s") / limit <= 1 - constant / limit,        m = 2 k edges.
+
+    Args:
+        required: torques and speeds of the motors with sigma = s, so that z = s'^2 and u = s".
+        torque_limit, speed_limit: limits (n_a,) [N m, rad/s], infinite for unlimited motors.
     """
-    constant, per_speed, per_z, per_u, motor_speed = required
+    constant, per_z, per_u = required.torque
     is_limited = np.isfinite(torque_limit)
-    limit = torque_limit[is_limited]
-    edges = np.stack([per_speed, per_z, per_u], axis=-1)[:, is_limited] / limit[:, None]
-    share = constant[:, is_limited] / limit
-    edges = np.concatenate([edges, -edges], axis=1)  # (T, m, 3)
-    bound = np.concatenate([1.0 - share, 1.0 + share], axis=1)  # (T, m)
-    by_torque = _highest_corner(edges, bound) if is_limited.any() else np.full(len(constant), np.inf)
+    by_torque = np.full(len(constant), np.inf)
+    if is_limited.any():
+        terms = np.stack([required.damping, per_z, per_u, constant], axis=2)[:, is_limited]
+        shares = terms / torque_limit[is_limited, None]
+        edges = np.concatenate([shares, -shares], axis=1)  # (T, m, 4)
+        edges[..., 3] = 1.0 - edges[..., 3]  # the bound, from the share of the constant torque
+        by_torque = _highest_corner(edges)
     with np.errstate(divide="ignore"):
-        by_speed = (speed_limit / motor_speed).min(axis=1)
+        by_speed = (speed_limit / np.abs(required.speed)).min(axis=1)
     return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
 
 
-def _highest_corner(edges: Array, bound: Array) -> Array:
+def _highest_corner(edges: Array) -> Array:
     """Find the largest s' (T,) of all corners that keep the bounds; -inf without a corner.
 
     Args:
-        edges: (T, m, 3) coefficients of s', s'^2 and s".
-        bound: (T, m) of their sums.
+        edges: (T, m, 4) coefficients of s', s'^2 and s", and the bound of their sum.
     """
-    highest = np.full(len(bound), -np.inf)
-    for i, j in combinations(range(bound.shape[1]), 2):
-        for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
-            speed = corner[:, 0]
-            sizes = np.abs(edges * corner[:, None]).sum(axis=-1)  # (T, m) of the terms
-            values = np.einsum("tmk,tk->tm", edges, corner)
-            is_inside = np.all(values <= bound + CORNER_ROUNDING * (1.0 + sizes), axis=1)
-            highest = np.where(is_inside & (speed > highest), speed, highest)
-    return highest
+    coefficients, bound = edges[..., :3].swapaxes(1, 2), edges[:, None, :, 3]  # (T, 3, m), (T, 1, m)
+    first, second = np.triu_indices(edges.shape[1], 1)  # all pairs of edges
+    corners = _intersect_edges(edges[:, first], edges[:, second])  # (2, T, pairs, 3)
+    with np.errstate(invalid="ignore"):
+        values = corners @ coefficients  # (2, T, pairs, m)
+        sizes = np.abs(corners) @ np.abs(coefficients)  # of the terms
+    is_inside = np.all(values <= bound + CORNER_ROUNDING * (1.0 + sizes), axis=3)  # not for NaN
+    return np.where(is_inside, corners[..., 0], -np.inf).max(axis=(0, 2))
 
 
-def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
-    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2); return both corners (s', s'^2, s") (T, 3).
+def _intersect_edges(first: Array, second: Array) -> Array:
+    """Intersect the first edges (T, pairs, 4) with the second ones, see `_highest_corner`.
 
     Elimination of s" leaves a s'^2 + b s' = c, which is solved without cancellation. s" then follows from the
-    edge with the larger coefficient of s". Corners are NaN if the edges do not meet.
+    edge with the larger coefficient of s".
+
+    Returns:
+        Both corners (s', s'^2, s") of each pair, (2, T, pairs, 3); NaN if the edges do not meet.
     """
-    per_u = edges[:, :, 2]
-    coefficients = np.dstack([edges[:, :, :2], bound])  # (T, 2, 3) of s', s'^2 and the bound
-    b, a, c = (coefficients[:, 0] * per_u[:, 1, None] - coefficients[:, 1] * per_u[:, 0, None]).T
-    steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
-    per_speed, per_z, _ = edges[steeper].T
-    corners = []
+    per_u_first, per_u_second = first[..., 2:3], second[..., 2:3]
+    b, a, _, c = np.moveaxis(first * per_u_second - second * per_u_first, 2, 0)
+    steeper = np.where(np.abs(per_u_first) > np.abs(per_u_second), first, second)
+    per_speed, per_z, per_u, bound = np.moveaxis(steeper, 2, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # the roots are q / a and -c / q
-        for root in (q / a, -c / q):
-            speed = np.where(np.isfinite(root), root, np.nan)
-            remaining = bound[steeper] - (per_speed + per_z * speed) * speed
-            corners.append(np.stack([speed, speed**2, remaining / per_u[steeper]], axis=1))
-    return corners
+        q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
+        roots = np.stack([q / a, -c / q])
+        speed = np.where(np.isfinite(roots), roots, np.nan)
+        acceleration = (bound - (per_speed + per_z * speed) * speed) / per_u
+    return np.stack([speed, speed**2, acceleration], axis=3)

@@ -42,8 +42,8 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
     other_law,
 )
+from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.rest_of_springs import check_rest
-from framework.planning.optimal.sampled_demand import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks

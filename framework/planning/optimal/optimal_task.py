@@ -10,7 +10,8 @@ import numpy as np
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch, escape_error
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.optimal_law import Smoothstep, Stretch
+from framework.laws.optimal_law import Smoothstep
+from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array
 from framework.planning.condition import CrossingPoint, coefficients_at, undeformed_crossing
 from framework.planning.crossing_points import PathToCross

@@ -1,7 +1,12 @@
-"""The torques of all laws along a path, as functions of s that are polynomials on cells.
+"""The torques and speeds of all laws along a path, as series in s on cells.
 
-Over their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Their multipliers
-nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
+The search for a law takes dozens of cone programs with thousands of points. `SampledDemand` gives torques and
+speeds there by Chebyshev series, which require the robot's equations at only some hundred poses. All torques
+have a pole at a crossing s_c, so that the series are those of torque (s - s_c).
+
+Bounds of all laws need error bounds and products, and so functions in Bernstein form, `PathSeries`. Over
+their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Their multipliers nu
+(m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 
@@ -17,15 +22,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.laws.optimal_law import Smoothstep, Stretch
+from framework.laws.optimal_law import Smoothstep
+from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.phase_plane import Demand, demand
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
+from framework.tolerances import MEASURE_TAIL
 
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
 LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
 MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a motor with dry friction reverses
+FIRST_CHEBYSHEV_CELLS = 4
+CHEBYSHEV_NODES = 16  # an even number: no node in the middle of a cell, where a crossing is
+MAX_CHEBYSHEV_CELLS = 60  # with more cells, the equations are evaluated at each point of a program instead
 
 
 class PathSeries(NamedTuple):
@@ -94,8 +105,8 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
     """Fit functions on cells, halved until all functions resolve; None without success.
 
     Args:
-        reference: (n_a,) of the torques; motors with an infinite reference are left out.
-        edges: (k + 1,) of s, all knots among them.
+        reference: torques (n_a,) [N m]; motors with an infinite reference are left out.
+        edges: edges (k + 1,) of the cells in s, all knots among them.
     """
     for _ in range(MAX_CUTS):
         fit = _fit_series(task, reference, edges)
@@ -116,7 +127,7 @@ class _Fit(NamedTuple):
 
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells."""
+    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells; arguments as for `resolve_series`."""
     samples = _sample_cells(task, reference, edges)
     directions, v = _multiplier_basis(samples.per_u)
     torques = (samples.constant, samples.per_z, samples.damping)
@@ -143,7 +154,7 @@ class _Samples(NamedTuple):
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
-    """Sample torques and speeds at the nodes of each cell."""
+    """Sample torques and speeds at the nodes of each cell; arguments as for `resolve_series`."""
     specification = task.specification
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s)
@@ -169,8 +180,8 @@ def _split_by_cell(values: Array) -> Array:
 def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
     """Compute the mean dry friction of each cell at its nodes (k NODES, n_a), and the error (k, n_a).
 
-    The error is 2 size if a motor reverses within the cell. Two reversals between neighbouring nodes remain
-    unseen, as in plans.
+    The friction is that of `required`, of sizes (n_a,). The error is 2 size if a motor reverses within the
+    cell. Two reversals between neighbouring nodes remain unseen, as in plans.
     """
     friction = _split_by_cell(required.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
@@ -190,3 +201,77 @@ def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
     cosines = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
     across = e[:, None] - cosines[..., None] * along[:, :, None]
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)
+
+
+class SampledDemand(NamedTuple):
+    """The demand on the motors along a path as series in s.
+
+    poles: path coordinates s (k,) of the crossings; listed twice for a pole of second order.
+    series: functions (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each multiplied by
+        s - pole for all poles; and motor speeds per s'.
+    has_friction: whether dry friction acts on any motor.
+    """
+
+    poles: Array
+    series: TimeFunction
+    has_friction: bool
+
+    def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
+        """Compute the demand at sigma (M,), affine in z and u.
+
+        It follows from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+        """
+        s = phi(sigma)
+        dphi = phi(sigma, 1)[:, None]
+        ddphi = phi(sigma, 2)[:, None]
+        pole_product = _pole_product(s, self.poles)
+        *torques, speed = np.split(self.series(s), 5, axis=1)  # the quantities of `series`
+        constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
+        affine = AffineInSpeed(constant, per_z * dphi**2 + per_u * ddphi, per_u * dphi)
+        return Demand(affine, damping * dphi, speed * dphi, speed if self.has_friction else None)
+
+
+def _pole_product(s: Array, poles: Array) -> Array:
+    """Compute the product (T, 1) of s - pole over all poles."""
+    return (s[:, None] - poles).prod(axis=1)[:, None]
+
+
+def sample_demand(task: Task) -> SampledDemand | None:
+    """Fit Chebyshev series to the undeformed robot's demand along a path; None without success.
+
+    Cells are halved until all quantities are resolved, or until there are too many cells.
+    """
+    points = task.to_cross.points
+    # the pole is of second order if the path touches the locus, or if several motions escape at once
+    pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]
+    poles = np.repeat([point.s for point in points], pole_orders)
+    edges = uniform_cells(task, FIRST_CHEBYSHEV_CELLS)
+    while len(edges) <= MAX_CHEBYSHEV_CELLS:
+        grid = TimeGrid(edges, CHEBYSHEV_NODES)
+        required = demand(task.branch, Smoothstep(0), grid.times)
+        pole_product = _pole_product(grid.times, poles)
+        torques = [part * pole_product for part in (*required.torque, required.damping)]
+        series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
+        is_unresolved = _find_unresolved(series, task.robot.n_a)
+        if not is_unresolved.any():
+            return SampledDemand(poles, series, required.direction is not None)
+        edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))
+    return None
+
+
+def _find_unresolved(series: TimeFunction, motors: int) -> Array:
+    """Return the mask (P,) of panels on which one of the five quantities is not resolved.
+
+    The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is
+    finite and its last two coefficients are small compared with the largest one, over all motors. Torques per
+    s'^2 and per s" have the same unit and are compared with the larger of the two, because either may be
+    rounding of the other.
+    """
+    panels, size, _ = series.coefficients.shape
+    by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
+    at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
+    tail = sizes[:, -2:].max(axis=1)
+    largest = sizes.max(axis=1)
+    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 4), false for NaN
+    return np.asarray(~is_resolved.all(axis=1))

@@ -23,9 +23,9 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import BOUND_MARGIN
 
-FIRST_CELLS, MAX_CELLS, MAX_REFINEMENTS = 100, 400, 6
-MIN_GAIN = 1e-3  # relative, of a bound by more cells
-MAX_MARGINS = 3  # with which a program is solved until its factor is proved positive
+FIRST_CELLS, MAX_CELLS = 100, 400
+MIN_GAIN = 1e-3  # relative gain of the bound by more cells, below which the search ends
+MAX_MARGINS = 3  # number of margins tried on the same cells
 ERROR_GROWTH = 1.5  # of the factor's error, over the error with the multipliers of the previous cells
 CUT_SHARES = (1.5, 6.0)  # |nu|_1 on a cell over the mean, above which the cell is cut in two and in four
 
@@ -34,14 +34,16 @@ CUT_SHARES = (1.5, 6.0)  # |nu|_1 on a cell over the mean, above which the cell 
 class PeakBound(ReadOnlyArrays):
     """A lower bound of the peak or the duration of every law, with its multipliers.
 
+    The symbols are those of `dual_program`.
+
     by_duality: the bound of the peak torque over the reference, or of the duration [s].
     at_rest: the relative peak of every law at its ends, where s' = s" = 0; zero if s" need not vanish there.
-    reference: (n_a,) [N m]; torques of motors with an infinite reference do not count.
-    edges: (k + 1,) of cells in s, on which the multipliers are constant or polynomials in Bernstein form.
+    reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
+    edges: edges (k + 1,) of the cells in s, on which the multipliers are constant or in Bernstein form.
     p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2 of the m
         motors whose torques count, over the reference.
-    mu: (k, n) of the n motors with a speed limit.
-    lam: lambda.
+    mu: multipliers (k, n) of the n motors with a speed limit.
+    lam: the multiplier lambda of the duration.
     """
 
     by_duality: float
@@ -60,19 +62,16 @@ class PeakBound(ReadOnlyArrays):
 
 
 def bound_peak(task: Task, reference: Array) -> PeakBound | None:
-    """Compute a bound of the peak torque over a reference (n_a,); None if no bound is known.
+    """Compute a bound of the peak torque over a reference (n_a,) [N m]; None if no bound is known.
 
     Laws keep the speed limits and the longest duration; torque limits do not count.
     """
-    proof = _find_proof(task, reference, timed=False)
-    return proof and _bound_with_multipliers(proof, reference, _peak_at_rest(task, reference))
+    return _bound_laws(task, reference, timed=False)
 
 
 def bound_duration(task: Task) -> PeakBound | None:
     """Compute a bound of the duration [s] within all limits; None if no bound is known."""
-    limit = task.specification.torque_limit
-    proof = _find_proof(task, limit, timed=True)
-    return proof and _bound_with_multipliers(proof, limit, at_rest=0.0)
+    return _bound_laws(task, task.specification.torque_limit, timed=True)
 
 
 def find_refuting_bound(task: Task) -> PeakBound | None:
@@ -95,7 +94,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """A bound, with the multipliers on the cells of a series that prove the bound."""
+    """Multipliers on the cells of a series, with the bound of all laws."""
 
     series: PathSeries
     multipliers: Multipliers
@@ -107,19 +106,29 @@ class _Proof(NamedTuple):
         return self.evidence.value > 0.0 and not self.evidence.lacking.any()
 
 
-def _bound_with_multipliers(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof, with the multipliers of `PeakBound`.
+def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | None:
+    """Compute a bound of all laws with its multipliers; None if no bound is known.
 
     p = x_0, and `across` is the sum of x_i e_i over i > 0, with the directions e_i of the series.
 
     Args:
-        at_rest: the relative peak at the ends; zero for a bound of the duration.
+        reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
+        timed: whether the duration is bounded instead of the peak.
     """
-    series = proof.series
-    x, mu, _, lam = proof.multipliers
-    p = x[..., 0]
-    across = x[..., 1:] @ series.directions
-    return PeakBound(proof.evidence.value, at_rest, reference, series.edges, p, across, mu, lam)
+    proof = _find_proof(task, reference, timed=timed)
+    if proof is None:
+        return None
+    x = proof.multipliers.x
+    return PeakBound(
+        by_duality=proof.evidence.value,
+        at_rest=0.0 if timed else _peak_at_rest(task, reference),
+        reference=reference,
+        edges=proof.series.edges,
+        p=x[..., 0],
+        across=x[..., 1:] @ proof.series.directions,
+        mu=proof.multipliers.mu,
+        lam=proof.multipliers.lam,
+    )
 
 
 def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
@@ -127,6 +136,9 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
     Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
     factor is not proved positive.
+
+    Args:
+        reference, timed: as for `_bound_laws`.
     """
     if not _has_bound(task, reference):
         return None
@@ -134,27 +146,27 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     best: _Proof | None = None
     proof: _Proof | None = None
     edges = uniform_cells(task, FIRST_CELLS)
-    for _ in range(MAX_REFINEMENTS):
+    while True:
         series = resolve_series(task, reference, edges)
         proof = series and _solve_program(DualProgram(series, longest, timed), proof)
         if proof is None:
-            break
+            return best
         if proof.complete:
             gain = np.inf if best is None else proof.evidence.value / best.evidence.value - 1.0
-            best = proof if best is None or gain > 0.0 else best
+            if gain > 0.0:
+                best = proof
             if gain < MIN_GAIN:
-                break
-        parts = _choose_parts(proof.evidence)
+                return best
+        parts = _choose_parts(proof.evidence)  # an incomplete proof has a cell to cut: the number grows
         if parts.sum() > MAX_CELLS:
-            break
+            return best
         edges = cut_cells(task, proof.series.edges, parts)
-    return best
 
 
 def _has_bound(task: Task, reference: Array) -> bool:
     """Return whether bounds of a task are known.
 
-    They are for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
+    They are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
     """
     robot = task.robot
     if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
@@ -165,10 +177,10 @@ def _has_bound(task: Task, reference: Array) -> bool:
 def _choose_parts(evidence: Evidence) -> IntArray:
     """Choose the number of parts (k,) of each cell: 1, 2 or 4.
 
-    A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive.
-    Each cell then gets at least as many parts as its neighbours.
+    A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive
+    on it. Each cell then gets at least as many parts as its neighbours.
     """
-    from scipy.ndimage import maximum_filter1d
+    from scipy.ndimage import maximum_filter1d  # slow to import, and few plans ask for bounds
 
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
@@ -180,16 +192,21 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
     """Solve with growing margins until the factor is proved positive; None without a solution.
 
-    The first margin covers the error of the solver. With a proof on the previous cells, it also covers the
-    error of the series times the multipliers of that proof.
+    The margin (k,) is the least value of factor - minorant that the program asks for on each cell. At first
+    it covers the error of the solver and, with a proof on the previous cells, the error of the series times
+    the multipliers of that proof. Then it grows by the shortfall of the last solution.
+
+    Returns:
+        The last proof, complete or not.
     """
     series = program.series
     margin = 2.0 * program.factor_error
     if previous is not None:
         middles = 0.5 * (series.edges[1:] + series.edges[:-1])
-        previous_cell = np.searchsorted(previous.series.edges, middles) - 1
+        previous_cell = np.searchsorted(previous.series.edges, middles) - 1  # of each cell of the series
         x_size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]  # (k, m)
         margin = margin + ERROR_GROWTH * (x_size * series.per_z.error).sum(axis=1)
+
     proof = None
     for _ in range(MAX_MARGINS):
         multipliers = program.solve(margin)

@@ -40,17 +40,20 @@ from framework.planning.condition import CrossingPoint, bounds_of_terms, remove_
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
-HALF_WIDTH, NODES = 0.02, 13  # in sigma, of the panel on which conditions are differentiated
+HALF_WIDTH, NODES = (
+    0.02,
+    13,
+)  # half width in sigma, and nodes, of the panel on which conditions are differentiated
 
 
 class SquaredSpeed(Protocol):
-    """z (M,) [1/s^2] of a law at sigma (M,)."""
+    """A function that returns z (M,) [1/s^2] of a law at sigma (M,)."""
 
     def __call__(self, sigma: Array) -> Array: ...
 
 
 class AffineInSpeed(NamedTuple):
-    """Functions constant + per_z z + per_u u, each coefficient (M, k)."""
+    """The k functions constant + per_z z + per_u u at M points, each coefficient (M, k)."""
 
     constant: Array
     per_z: Array
@@ -84,45 +87,41 @@ class Demand(NamedTuple):
         return size * speed_signs(self.direction)
 
 
-def demand(
-    branch: Branch,
-    phi: Smoothstep,
-    sigma: Array,
-) -> Demand:
-    """Compute torques and speeds of the undeformed robot's motors at sigma (M,)."""
+def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
+    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma)."""
     robot = branch.robot
     s = phi(sigma)
     count = len(sigma)
-    three = _three_motions(branch, phi, sigma)
+    probes = _probe_motions(branch, phi, sigma)
 
     def motor_torques(forces: Array) -> AffineInSpeed:
         """Compute motor torques (M, n_a) that balance tree forces (3, M, nv), per (1, z, u)."""
-        balanced = balanced_forces(robot, three.linearised, forces.reshape(3 * count, -1))
-        torque = motor_torque(robot, three, balanced.joint_torque)
+        balanced = balanced_forces(robot, probes.linearised, forces.reshape(3 * count, -1))
+        torque = motor_torque(robot, probes, balanced.joint_torque)
         return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, three, sigma, s, None)
+    forces = _linearised_forces(branch, probes, sigma, s, None)
     torque = motor_torques(forces)
     damping = np.zeros_like(torque.constant)
-    rates = _rates_per_root_z(three)
-    if robot.is_damped:
+    rates = _rates_per_root_z(probes)
+    if robot.is_damped:  # the torques are linear in the forces: damping adds this difference times sqrt(z)
         forces[0] += robot.joint_damping * rates
         damping = motor_torques(forces).constant - torque.constant
     speed = rates[:, robot.actuated] * robot.gear_ratio
-    return Demand(torque, damping, speed, _motor_direction(branch, s, three))
+    return Demand(torque, damping, speed, _motor_direction(branch, s, probes))
 
 
-def _rates_per_root_z(three: Motion) -> Array:
-    """Return the joint rates (M, nv) of the second of `_three_motions`, at z = 1."""
-    return np.split(three.v, 3)[1]
+def _rates_per_root_z(probes: Motion) -> Array:
+    """Return the joint rates (M, nv) of the second third of `_probe_motions`, at z = 1."""
+    return np.split(probes.v, 3)[1]
 
 
-def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
-    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction."""
+def _motor_direction(branch: Branch, s: Array, probes: Motion) -> Array | None:
+    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction."""
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
-    q = three.q[: len(s)]
+    q = probes.q[: len(s)]
     x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
@@ -130,24 +129,24 @@ def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
 
 
 def _linearised_forces(
-    branch: Branch, three: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
+    branch: Branch, probes: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
 ) -> Array:
-    """Compute forces (3, M, nv) of the open tree per (1, z, u), from `_three_motions`.
+    """Compute forces (3, M, nv) of the open tree per (1, z, u), from `_probe_motions`.
 
-    Forces at rest include weight and wrenches of the world. Damping D q' sqrt(z) is linearised about the
-    squared speed z0; None leaves damping out.
+    Forces at rest include weight and external wrenches. Damping D q' sqrt(z) is linearised about the squared
+    speed z0; None leaves damping out.
 
     Args:
-        sigma, s: (M,) of the points.
+        sigma, s: parameters (M,) of the points, s = phi(sigma).
     """
     robot = branch.robot
     at_rest = slice(len(sigma))
-    forces = inertial_forces(robot, three).reshape(3, len(sigma), -1)
-    wrenches = branch.wrenches.evaluate(robot, three.linearised.frames.select(at_rest), s)
-    forces[0] = static_forces(robot, three.q[at_rest], wrenches)
+    forces = inertial_forces(robot, probes).reshape(3, len(sigma), -1)
+    wrenches = branch.wrenches.evaluate(robot, probes.linearised.frames.select(at_rest), s)
+    forces[0] = static_forces(robot, probes.q[at_rest], wrenches)
     if robot.is_damped and z0 is not None:
         root = np.sqrt(z0(sigma))[:, None]
-        half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(three)
+        half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(probes)
         forces[0] += half_damping * root
         forces[1] += half_damping / root
     return forces
@@ -160,10 +159,11 @@ def crossing_rows(
 
     Each row times (1, z, u, u') must vanish. A transversal crossing with one uncontrolled motion has the
     single condition t_s . W_p = 0, without u'. Several motions have one condition each, and a touch adds the
-    derivatives along the path. A coefficient that is only rounding of its terms is set to zero: that of u on
-    a path orthogonal to t_s; all coefficients on a straight path without weight along t_s.
+    derivatives along the path. A coefficient that is only rounding of its terms is set to zero: for example
+    that of u on a path orthogonal to t_s, or all coefficients on a straight path without weight along t_s.
 
     Args:
+        phi: the map from sigma to s.
         z0: the squared speed about which damping is linearised, if any.
     """
     if crossing.corank > 1 or crossing.touches:
@@ -174,7 +174,7 @@ def crossing_rows(
 
 
 def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
-    """Compute the conditions (k, 4) of all uncontrolled motions of the undeformed robot.
+    """Compute the conditions (k, 4) of all uncontrolled motions; arguments as for `crossing_rows`.
 
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
     (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
@@ -184,14 +184,15 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: Sq
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
     points = np.append(sigma + half_width * nodes(NODES), sigma)
     values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
-    rows = np.pad(values[-1], ((0, 0), (0, 1)))  # zero per u'
+    rows = np.pad(values[-1], ((0, 0), (0, 1)))  # (corank, 4), zero per u'
     if crossing.corank > 1:
         size = size.max()
         rows = _independent_rows(rows, size)
+
     if crossing.touches:
         series = coefficients(values[:-1].reshape(NODES, -1))
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half_width
-        slopes[:, 2] += 2.0 * rows[:, 1]
+        slopes[:, 2] += 2.0 * rows[:, 1]  # cu' + 2 cz
         rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
         size = np.concatenate([size, size / half_width])
     return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
@@ -202,10 +203,11 @@ def _conditions_at_points(
 ) -> tuple[Array, Array]:
     """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions per (1, z, u), and scales (corank, 1).
 
-    The scale is the largest sum of sizes of the terms of t_s . W_p; smaller values by far are rounding.
+    The scale is the largest sum of sizes of the terms of t_s . W_p. Values that are smaller by far are
+    rounding.
 
     Args:
-        sigma: (M,), the last one at the singular pose.
+        sigma: parameters (M,) of the points, the last one that of the singular pose.
     """
     robot = branch.robot
     s = phi(sigma)
@@ -213,17 +215,20 @@ def _conditions_at_points(
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    three = _three_motions(branch, phi, sigma, closed)
-    forces = _linearised_forces(branch, three, sigma, s, z0)
+    probes = _probe_motions(branch, phi, sigma, closed)
+    forces = _linearised_forces(branch, probes, sigma, s, z0)
     terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
     sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
     return np.moveaxis(terms.sum(axis=3), 0, 2), sizes
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4), without rounding of a size.
+    """Return independent combinations (k, 4) of rows (corank, 4); combinations of rounding are left out.
 
     Two motions of a symmetric robot may require the same condition.
+
+    Args:
+        size: scale of the rows.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
@@ -236,16 +241,19 @@ def _wrench_row(
     crossing: CrossingPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
-    """Compute t_s . W_p (3,) at a crossing per (1, z, u); rounding is set to zero."""
+    """Compute t_s . W_p (3,) at a crossing per (1, z, u); arguments as for `crossing_rows`.
+
+    Coefficients that are only rounding of their terms are set to zero.
+    """
     robot = branch.robot
     s = np.array([crossing.s])
     sigma = phi.inverse(s)
     q = crossing.q[None]
     x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    three = _three_motions(branch, phi, sigma, closed)
-    terms = _linearised_forces(branch, three, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
-    bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(three)[0])
+    probes = _probe_motions(branch, phi, sigma, closed)
+    terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
+    bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
     size = np.maximum(np.abs(terms).sum(axis=1), bounds)
     return remove_rounding(terms.sum(axis=1), size, 2)
 
@@ -253,12 +261,13 @@ def _wrench_row(
 def _bound_wrench_terms(
     branch: Branch, phi: Smoothstep, crossing: CrossingPoint, sigma: float, rates: Array
 ) -> Array:
-    """Bound the terms of t_s . W_p (3,) per (1, z, u), by `bounds_of_terms` per s'^2 and s".
+    """Bound the terms of t_s . W_p (3,) per (1, z, u).
 
-    gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+    `bounds_of_terms` bounds the terms of gamma + beta s'^2 + alpha s", with s'^2 = phi'^2 z and
+    s" = phi' u + phi" z.
 
     Args:
-        rates: of the joints (nv,) at z = 1.
+        rates: joint rates (nv,) at z = 1.
     """
     dphi, ddphi = (float(phi(sigma, order)) for order in (1, 2))
     rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi
@@ -266,12 +275,16 @@ def _bound_wrench_terms(
     return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
 
 
-def _three_motions(
+def _probe_motions(
     branch: Branch, phi: Smoothstep, sigma: Array, closed: ClosedStack | None = None
 ) -> Motion:
-    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
+    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1).
 
-    The platform's derivatives by sigma are x' phi' and x' phi" + x" phi'^2, those of x being by s.
+    The M motions at one (z, u) follow those at the one before. The platform's derivatives by sigma are
+    x' phi' and x' phi" + x" phi'^2, where x' and x" are those by s.
+
+    Args:
+        closed: configurations (M,) at sigma, if known.
     """
     robot = branch.robot
     s = phi(sigma)
@@ -279,16 +292,17 @@ def _three_motions(
         closed = close_loops(robot, branch.path(s), branch.guess(s))
     dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
     dx, ddx = (branch.path(s, order) for order in (1, 2))
-    rates = _three_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
+    rates = _probe_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
     q = np.tile(closed.q, (3, 1))
     x = np.tile(closed.x, (3, 1))
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), *rates)
 
 
-def _three_rates(first: Array, second: Array) -> tuple[Array, ...]:
-    """Return rates and accelerations (3 M, k) at the three (z, u) of `_three_motions`.
+def _probe_rates(slope: Array, curvature: Array) -> tuple[Array, ...]:
+    """Return rates and accelerations (3 M, k) of a function y at the (z, u) of `_probe_motions`.
 
-    With derivatives y' and y" (M, k) by sigma, dy/dt = y' z^(1/2) and d2y/dt2 = y" z + y' u.
+    With its derivatives y' = `slope` and y" = `curvature` (M, k) by sigma, dy/dt = y' z^(1/2) and
+    d2y/dt2 = y" z + y' u.
     """
-    zero = np.zeros_like(first)
-    return np.concatenate([zero, first, zero]), np.concatenate([zero, second, first])
+    zero = np.zeros_like(slope)
+    return np.concatenate([zero, slope, zero]), np.concatenate([zero, curvature, slope])

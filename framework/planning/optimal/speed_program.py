@@ -22,8 +22,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.sparse import csr_array, diags_array, eye_array
 
-from framework.laws.exact_duration import SpeedSpace
-from framework.laws.speed_basis import SpeedBasis
+from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, read_only
 from framework.numerics.cone_program import (
     TOLERANCE,

@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import Line, plan_scene
-from framework.laws.exact_duration import SpeedSpace
+from framework.laws.squared_speed import SpeedSpace
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows

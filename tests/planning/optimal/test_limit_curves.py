@@ -8,7 +8,8 @@ from scipy.optimize import linprog
 
 import robots
 from framework import Line, plan_crossing
-from framework.planning.optimal.limit_curves import MotorDemand, highest_speed, limit_curves
+from framework.planning.optimal.limit_curves import highest_speed, limit_curves
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -24,7 +25,7 @@ def test_the_highest_speed_is_that_of_a_linear_program(motors):
     constant, per_z, per_u = rng.normal(size=(3, 40, motors)) * np.array([0.9, 1.0, 3.0])[:, None, None]
     speed, most = rng.uniform(0.5, 1.0, (40, motors)), 2.5
     limit = rng.uniform(1.0, 2.0, motors)
-    demand = MotorDemand(constant, 0.0 * constant, per_z, per_u, speed)
+    demand = Demand(AffineInSpeed(constant, per_z, per_u), 0.0 * constant, speed)
     found = highest_speed(demand, limit, np.full(motors, most))
     refused = 0
     for k, value in enumerate(found):
@@ -47,7 +48,7 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
     rng = np.random.default_rng(10 + motors)
     constant, per_speed, per_z, per_u = rng.normal(size=(4, 60, motors)) * [[[0.3]], [[0.5]], [[1]], [[3]]]
     limit = rng.uniform(1.0, 2.0, motors)
-    demand = MotorDemand(constant, per_speed, per_z, per_u, np.ones_like(constant))
+    demand = Demand(AffineInSpeed(constant, per_z, per_u), per_speed, np.ones_like(constant))
     found = highest_speed(demand, limit, np.full(motors, np.inf))
     speeds = np.linspace(0.0, 50.0, 50001)
     for k, value in enumerate(found):
@@ -62,7 +63,8 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
 
 
 def test_without_limits_nothing_bounds_the_speed():
-    demand = MotorDemand(*np.ones((5, 5, 2)))
+    ones = np.ones((5, 2))
+    demand = Demand(AffineInSpeed(ones, ones, ones), ones, ones)
     assert np.all(np.isinf(highest_speed(demand, np.full(2, np.inf), np.full(2, np.inf))))
 
 

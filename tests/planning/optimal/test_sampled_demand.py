@@ -13,7 +13,7 @@ from framework.laws.optimal_law import Smoothstep
 from framework.model.description import JointDynamics
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.sampled_demand import sample_demand
+from framework.planning.optimal.path_series import sample_demand
 from framework.singularity.points_on_path import search_path
 from tests.robots.every_robot import RIGID, crossing
 

@@ -1,0 +1,350 @@
+"""Checks of a computed motion: residuals of all equations, near misses, and the errors if a check fails.
+
+The motion is computed from the loop equations that are independent at the reference, with the idle joints at
+rest or turned by `kinematics.idle_turns`. The checks evaluate all loop equations, on the nodes in time and
+between them, and the residual torques: torques that the planned motion would need in addition to motors and
+springs. They vanish if the motion is exact. With the forces r of the open tree, the Jacobian J of the loop
+equations, the selection S of the actuated joints and the joint torques tau_joint,
+
+    r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
+    residual         = r - J' lambda           along the idle joints
+
+X is the platform's Jacobian and w the platform wrench missing for balance; [X; J] is regular at Type 2.
+
+Beside a singularity that the path misses, torques may rise like 1/|g|, in a peak as wide as the stretch of
+the path on which |g| doubles. Nodes that are farther apart do not resolve this peak, however small the tail
+of the series. So the torques are computed again where |g| is least and where it has doubled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from framework.dynamics.body_parameters import link_of
+from framework.dynamics.elastic_pass import spring_scale
+from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
+from framework.dynamics.result import Certificate, InverseDynamics
+from framework.dynamics.singularity_crossings import find_instants
+from framework.errors import LoadedJoint, NotAssembled, NotConverged, round_up
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.frames import integrate
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
+from framework.kinematics.loop_structure import rounded_gap
+from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import carried_axis
+from framework.kinematics.tree_model import is_ball
+from framework.laws.law import law_derivatives
+from framework.laws.path import PointPath, time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import evaluate_together
+from framework.singularity.piecewise_measure import extremum_near
+from framework.singularity.points_on_path import SearchedPath
+from framework.singularity.rank_deficiency import NearMiss
+from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
+
+
+def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
+    """Return the certificate with the largest loop gap and residual torque, on and between nodes.
+
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+
+    Raises:
+        NotAssembled: a loop equation that was left out as redundant is open on a node.
+    """
+    robot = branch.robot
+    _check_dropped_rows(robot, state)
+    times = _check_instants(robot, state.grid.times)
+    closed, motion = evaluate_motion(branch, result, times)
+    torques = state.grid.fit(state.forces.joint_torque)(times)
+    residual = _residual_torques(robot, motion, torques)
+    residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
+    gaps = (
+        state.motion.linearised.loops.residual,  # on the nodes
+        closed.linearised.loops.residual,
+        closed.linearised.residual[:, : robot.n],  # of the platform
+    )
+    return replace(
+        result.certificate,
+        max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
+        max_residual_torque=float(np.abs(residual).max()),
+        rounded_gap=_rounded_gap(robot, state.motion.q),
+    )
+
+
+def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
+    """Compute the largest gap [m or rad] of rounded loops along q (T, nq).
+
+    A rounded loop repeats other loop equations at the reference, up to the rounding of numbers in the file.
+
+    Raises:
+        NotAssembled: the gap is larger than rounding explains.
+    """
+    gap = rounded_gap(robot, q)
+    if gap > EXPORT_ROUNDING * max(robot.length, 1.0):
+        raise NotAssembled(
+            f"{robot.name}: {', '.join(robot.rounded.names)}, which repeat other loop equations but for "
+            f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop; "
+            f"check the dimensions, or lock only what it takes (axes: [...])",
+            q=q[-1],
+            residual=gap,
+        )
+    return gap
+
+
+def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
+    """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
+
+    No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
+    same order of magnitude.
+
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+
+    Raises:
+        LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
+    """
+    robot, idle = branch.robot, branch.robot.structure.idle
+    if not len(idle):
+        return 0.0
+    times = _check_instants(robot, state.grid.times)
+    _closed, motion = evaluate_motion(branch, result, times)
+    torques = state.grid.fit(state.forces.joint_torque)(times)
+    loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
+
+    # find the largest load, with forces of sliding joints converted to moments
+    scale = robot.column_scale
+    instant, k = np.unravel_index(np.abs(loads * scale[idle]).argmax(), loads.shape)
+    load, column = float(loads[instant, k]), int(idle[k])
+    largest_torque = np.abs(torques * scale[robot.actuated]).max()
+    if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
+        return float(np.abs(loads).max())
+
+    joint = robot.coordinates.name_of(column)
+    raise LoadedJoint(
+        f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
+        f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
+        f"all other forces; {_remedy(robot, column)}",
+        joint=joint,
+        torque=load,
+        time=float(times[instant]),
+    )
+
+
+def _remedy(robot: ParallelRobot, column: int) -> str:
+    """Return advice on how to hold an idle coordinate (velocity index `column`), or to remove its load."""
+    model, name = robot.model, robot.coordinates.name_of(column)
+    joint = carried_axis(robot, column).joint
+    if not is_ball(model.joints[joint]):
+        return (
+            f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
+            f"it a motor, or leave out the inertia behind it"
+        )
+    frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
+    ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
+    return (
+        f"lock {name} (--lock of `crossing convert`), or that turn of the ball "
+        f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
+        f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
+        f"springs of the balls that it turns, and what is unlike about their axes"
+    )
+
+
+def _check_instants(robot: ParallelRobot, nodes: Array) -> Array:
+    """Return instants (T,) [s] half-way between the nodes and, with idle joints, the nodes too.
+
+    On the nodes the equations of all joints but the idle ones hold by construction, so that nodes check the
+    idle joints alone.
+    """
+    middle = 0.5 * (nodes[1:] + nodes[:-1])
+    return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
+
+
+def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
+    """Evaluate the result's series at instants (T,) [s]: poses, and the motion that causes the forces.
+
+    The loops are not closed again, so that poses and motion have the errors of the series. With rigid
+    geometry the motion is that of the undeformed robot, and its loops are closed.
+    """
+    robot, s = branch.robot, law_derivatives(result.law, times)
+    x, dx, ddx = time_derivatives(branch.path, s)
+    offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
+    q = integrate(robot, result.origin, offsets)
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
+    if robot.n_e and result.geometry == "rigid":
+        motion = motion_at(robot, branch.close(s[0]), dx, ddx)
+    else:
+        motion = motion_at(robot, closed, dx, ddx, *rates)
+    return closed, branch.load_motion(motion, s[0])
+
+
+def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
+    """Raise NotAssembled if a loop equation that was left out as redundant is open on a node of `state`."""
+    dropped = robot.structure.dropped
+    if not len(dropped):
+        return
+    residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
+    scaled_gaps = np.abs(residual[:, dropped]) / robot.row_lengths[dropped]
+    instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
+    if scaled_gaps[instant, k] <= LOOP_GAP:
+        return
+    row = dropped[k]
+    gap = float(abs(residual[instant, row]))
+    unit = "rad" if robot.rows.rotation[row] else "m"
+    raise NotAssembled(
+        f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
+        f"open by {gap:.3g} {unit} at t = {state.grid.times[instant]:.6g} s: this motion tears the loop; "
+        f"give a reference on the motion's own way",
+        q=state.motion.q[instant],
+        residual=gap,
+    )
+
+
+def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
+    """Compute the generalised forces (T, nv) missing for balance.
+
+    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see this file's
+    docstring). Elastic columns are zero.
+
+    Args:
+        torque: motor torques (T, n_a), joint side.
+    """
+    linearised, columns, idle = motion.linearised, robot.moving, robot.structure.idle
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, linearised, r, torque)
+    w, loop_multiplier = multipliers[:, : robot.n], multipliers[:, robot.n :]
+    residual = np.zeros_like(r)
+    residual[:, columns] = np.einsum("tn,tnv->tv", w, linearised.platform[:, :, columns])  # X' w
+    loop_forces = np.einsum("tm,tmv->tv", loop_multiplier, linearised.closures[:, :, idle])  # J' lambda
+    residual[:, idle] = r[:, idle] - loop_forces
+    return residual
+
+
+def unseen_near_miss(
+    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
+) -> NearMiss | None:
+    """Find the first near miss at which the torques differ from their series, if any.
+
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+    """
+    for miss in searched.near_misses:
+        if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
+            continue
+        for t in find_instants(state.law, state.grid.edges, miss.s):
+            if not _is_resolved_near(searched.branch, state, result, miss, t):
+                return miss
+    return None
+
+
+def _is_resolved_near(
+    branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+) -> bool:
+    """Return whether the series of the torques is accurate at a near miss.
+
+    The torques are computed at the least |g| and, on both sides, where |g| is twice as large. They must agree
+    with the series to the tolerance of a resolved torque, plus the relative rounding error of g.
+
+    Args:
+        state: motion and forces on the nodes of the grid.
+        result: the series through them.
+        instant: time [s] at which the robot with springs at rest passes the near miss.
+    """
+    robot, edges = branch.robot, state.grid.edges
+    duration = edges[-1]
+
+    def matrices(shares: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
+        _closed, motion = evaluate_motion(branch, result, shares * duration)
+        return type2_matrix(robot, motion.linearised)
+
+    # deflections shift the least |g|; `closest.s` is a share of the duration
+    closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
+    times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    _closed, motion = evaluate_motion(branch, result, times)
+    torques = state.forces.joint_torque
+    error = np.abs(joint_forces(robot, motion).joint_torque - state.grid.fit(torques)(times)).max()
+    allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
+    return bool(error <= allowed * np.abs(torques).max())
+
+
+def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
+    """Return the place of a near miss, its |g| and a remedy, in words."""
+    robot, x = searched.branch.robot, searched.branch.path(miss.s)
+    return (
+        f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
+        f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
+    )
+
+
+def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
+    """Return the error for deflections that did not converge, with the largest deflection."""
+    size = np.abs(state.caused / spring_scale(robot))  # (T, n_e)
+    instant, k = np.unravel_index(np.argmax(size), size.shape)
+    unit = "m" if robot.sliding[robot.elastic][k] else "rad"
+    return NotConverged(
+        f"{robot.name}: no deflections found that hold the forces they cause: with "
+        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
+        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking; use stiffer "
+        f"springs, geometry rigid, or another law",
+        residual=state.change,
+    )
+
+
+def unresolved_error(
+    searched: SearchedPath,
+    result: InverseDynamics,
+    tolerance: float,
+    *,
+    size: int,
+    enough: float,
+    unseen: NearMiss | None,
+) -> NotConverged:
+    """Return the error for a motion that the finest grid does not resolve.
+
+    Args:
+        result: the motion on the finest grid.
+        size: number of nodes per panel of this grid.
+        enough: the least tolerance that some grid met.
+        unseen: a near miss that no grid resolved, if any.
+    """
+    robot, certificate = searched.branch.robot, result.certificate
+    near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
+    if certificate.tail > tolerance:
+        problem = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
+    elif certificate.change > tolerance:
+        problem = (
+            f"the deflections are not resolved (one more pass would change them by {certificate.change:.2g} "
+            f"of the largest, tolerance {tolerance:.2g})"
+        )
+    elif unseen is not None:
+        problem = f"the torques within {unseen.width:.2g} in s of a near miss are not resolved"
+    else:
+        gap = certificate.max_closure_error
+        problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    advice = "is the law smooth, is the path far from other singularities?"
+    if not isinstance(searched.branch.path, PointPath):
+        advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"
+    if near_miss is not None:
+        advice = describe_near_miss(searched, near_miss)
+    elif len(searched.points) > 1:
+        first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
+        distance = second.s - first.s
+        advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {distance:.2g} farther on"
+    if tolerance < enough < RESOLVABLE_TAIL:
+        advice = f"tolerance {round_up(1.1 * enough, 2):g} would do; {advice}"
+    return NotConverged(
+        f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
+        residual=certificate.unresolved,
+        s=None if near_miss is None else near_miss.s,
+        platform=None if near_miss is None else searched.branch.path(near_miss.s),
+    )

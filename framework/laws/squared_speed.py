@@ -1,0 +1,346 @@
+"""The squared speed z of an optimal law: its basis, the stretched parameter xi, and its exact duration.
+
+    z(sigma) = (d sigma/dt)^2,        duration T = integral of z^(-1/2) over sigma in [0, 1]
+
+z is a combination of quintic B-splines on cells of xi(sigma). On a single cell the basis consists of
+Chebyshev polynomials instead. They give a law that is smooth everywhere, which deflections require. B-splines
+are never negative, and each overlaps only with five neighbours on either side. So z is positive if its
+coefficients are, and rows linear in z are sparse.
+
+The integral of z^(-1/2) is taken on panels of sigma that resolve z^(-1/2) even where z is nearly zero.
+
+Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev, legendre
+
+from framework.errors import InvalidInput
+from framework.laws.path import HIGHEST_ORDER
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.numerics.chebyshev import (
+    COEFFICIENT_ROUNDING,
+    TimeFunction,
+    TimeGrid,
+    coefficients,
+    derivative_matrix,
+    evaluate,
+    nodes,
+)
+from framework.numerics.splines import find_intervals, spline_values
+from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
+
+if TYPE_CHECKING:
+    from framework.numerics.cone_program import Affine
+
+SPLINE_DEGREE = HIGHEST_ORDER + 1  # as many derivatives of z are continuous as the torque contains
+ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
+PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
+MAX_PANELS = 1024  # of t(sigma)
+STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
+STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
+MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the solution
+MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
+FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
+DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
+MIN_RELATIVE_SIZE = (
+    1e-3  # of a spline coefficient over the mean; smaller ones may change as if they were as large
+)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The increasing map xi(sigma) from [0, 1] to [-1, 1], steeper near the points `at`.
+
+    xi is sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w = STRETCH_WIDTH and
+    h = STRETCH_HEIGHT. Through such a map a Chebyshev series resolves a function that changes fast near
+    known points: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
+    """
+
+    at: tuple[float, ...] = ()  # values of sigma
+
+    def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
+        """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
+        sigma = np.asarray(sigma, dtype=float)
+        start, end = self._unscaled_ends
+        unscaled = self._evaluate_unscaled(sigma, order)
+        if order:
+            return 2.0 * unscaled / (end - start)
+        return 2.0 * (unscaled - start) / (end - start) - 1.0
+
+    @cached_property
+    def _unscaled_ends(self) -> Array:
+        """Values (2,) of the map before scaling at sigma = 0 and 1."""
+        return read_only(self._evaluate_unscaled(np.array([0.0, 1.0]), 0))
+
+    def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
+        """Evaluate the map before scaling, or its derivative up to order 3.
+
+        With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
+        w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
+        """
+        identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
+        if not self.at:
+            return identity
+        w = STRETCH_WIDTH
+        d = sigma[..., None] - np.array(self.at)
+        denominator = w**2 + d**2
+        if order == 0:
+            arctangents = np.arctan(d / w)
+        elif order == 1:
+            arctangents = w / denominator
+        elif order == 2:
+            arctangents = -2.0 * w * d / denominator**2
+        else:
+            arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
+        return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
+
+    def inverse(self, xi: ArrayLike) -> Array:
+        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi."""
+        xi = np.asarray(xi, dtype=float)
+        grid = np.linspace(0.0, 1.0, 513)
+        sigma = np.interp(xi, self(grid), grid)
+        for _ in range(4):  # the table is right to a few digits, and each step doubles their number
+            sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
+        return sigma
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedBasis(ReadOnlyArrays):
+    """A basis of `size` functions on `cells` (k + 1,) of xi in [-1, 1]."""
+
+    cells: Array
+    size: int
+
+    @staticmethod
+    def from_cells(cells: Array) -> SpeedBasis:
+        """Return the quintic B-splines on cells (k + 1,), k > 1."""
+        return SpeedBasis(cells, len(cells) - 1 + SPLINE_DEGREE)
+
+    @property
+    def is_spline(self) -> bool:
+        """Whether the functions are B-splines."""
+        return len(self.cells) > 2
+
+    @property
+    def degree(self) -> int:
+        """The degree of the functions on a cell."""
+        return SPLINE_DEGREE if self.is_spline else self.size - 1
+
+    @cached_property
+    def knots(self) -> Array:
+        """Knots (size + degree + 1,) of the B-splines."""
+        ends = np.ones(SPLINE_DEGREE)
+        return read_only(np.concatenate([-ends, self.cells, ends]))
+
+    @cached_property
+    def centres(self) -> Array:
+        """Centres (size,) in xi of the B-splines: the means of their inner knots (Greville abscissae)."""
+        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
+        return read_only(inner_knots.mean(axis=1))
+
+    def matrix(self, xi: Array, order: int = 0) -> Any:
+        """Return the sparse matrix (T, size) of all functions, or derivatives, at xi (T,)."""
+        from scipy import sparse
+
+        if not self.is_spline:
+            values = chebyshev.chebvander(xi, self.size - 1)
+            return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
+
+        xi = np.clip(xi, -1.0, 1.0)
+        intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
+        values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
+        columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
+        rows = np.arange(0, columns.size + 1, SPLINE_DEGREE + 1)
+        return sparse.csr_array((values.ravel(), columns.ravel(), rows), shape=(len(xi), self.size))
+
+    def series(self, y: Array) -> Array:
+        """Return Chebyshev series (k, degree + 1) on the cells, for coefficients y (size,)."""
+        if not self.is_spline:
+            return y[None]
+        half_widths = 0.5 * np.diff(self.cells)[:, None]
+        xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)  # (k, degree + 1)
+        values = np.reshape(self.matrix(xi.ravel()) @ y, xi.shape)
+        return coefficients(values[..., None])[..., 0]  # `coefficients` expects a trailing axis of components
+
+
+def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
+    """Evaluate a piecewise function at xi (...), or its derivative by xi of an order, with the shape of xi.
+
+    A point on an inner edge belongs to the cell on its right.
+
+    Args:
+        cells: edges (k + 1,) of the cells.
+        series: Chebyshev coefficients (k, size) of the function on each cell.
+    """
+    xi = np.asarray(xi, dtype=float)
+    flat = xi.ravel()  # (T,)
+    cell = np.searchsorted(cells[1:-1], flat, side="right")  # (T,) index of the cell of each point
+    half_widths = 0.5 * np.diff(cells)
+    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on the cell
+    local_derivative = series @ derivative_matrix(series.shape[1], order).T
+    derivative = local_derivative / half_widths[:, None] ** order  # (k, size) in xi
+    if len(cells) == 2:  # a single series is evaluated faster at all points together
+        return evaluate(local, derivative[0]).reshape(xi.shape)
+    return evaluate_each(local, derivative[cell]).reshape(xi.shape)
+
+
+def evaluate_each(x: Array, series: Array) -> Array:
+    """Evaluate T Chebyshev series (T, size), each at its own x (T,)."""
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
+    return np.einsum("tk,tk->t", polynomials, series)
+
+
+def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
+    """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
+
+    A panel is accurate if the truncation error of its time is rounding beside the duration, or below its own
+    rounding error. An error eps of z changes z^(-1/2) by eps z^(-3/2) / 2, so rounding errors grow where z is
+    nearly zero.
+
+    Args:
+        cells: edges (k + 1,) of cells in xi.
+        z_series: Chebyshev coefficients (k, size) of z on each cell.
+
+    Raises:
+        InvalidInput: z is not positive, or so near zero that rounding hides the duration.
+    """
+    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
+    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
+    edges[[0, -1]] = 0.0, 1.0
+    while len(edges) <= MAX_PANELS:
+        grid = TimeGrid(edges, PANEL_NODES)
+        widths = np.diff(edges)
+        z = evaluate_on_cells(cells, z_series, stretch(grid.times))
+        if not z.min() > 0:
+            break
+
+        slowness = grid.fit(z[:, None] ** -0.5)
+        series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
+        duration = series[:, 0] @ widths  # the first coefficient estimates the mean on each panel
+        last_coefficients = np.abs(series[:, -2:]).max(axis=1)  # estimate the truncated part
+        truncation = last_coefficients * widths  # (panels,) errors of time [s]
+        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
+        rounding = 0.5 * z_rounding * least_z**-1.5 * widths  # (panels,) [s]
+
+        is_coarse = truncation > np.maximum(COEFFICIENT_ROUNDING * duration, rounding)
+        if not is_coarse.any():
+            if rounding.sum() > SLOWNESS_ROUNDING * duration:
+                break
+            return slowness
+        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]
+        edges = np.sort(np.concatenate([edges, middles]))
+    raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
+
+
+class SpeedSpace(NamedTuple):
+    """The squared speeds z(xi(sigma)) that a basis represents, by their coefficients y (size,) [1/s^2]."""
+
+    basis: SpeedBasis
+    stretch: Stretch
+
+    def duration(self, y: Array) -> float:
+        """Compute the duration [s] of a positive z with coefficients y (size,)."""
+        duration, _slopes = self._duration_and_slopes(y)
+        return duration
+
+    def blend(self, quick: Array, slow: Array, duration: float) -> Array:
+        """Blend coefficients `quick` and `slow` (size,) to a duration [s] in between.
+
+        The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
+        method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
+        """
+        y = slow
+        direction = quick - slow
+        share = 0.0
+        for _ in range(MAX_BLEND_STEPS):
+            y_duration, slopes = self._duration_and_slopes(y)
+            excess = y_duration - duration
+            if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
+                break
+            share -= excess / float(slopes @ direction)
+            y = slow + share * direction
+        return y
+
+    def adjust(
+        self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
+    ) -> Array:
+        """Compute the coefficients (size,) near y that meet equalities and a duration [s].
+
+        Newton's method solves the equations. Of all steps with A step = -values, the linearised equations, it
+        takes the one of least cost step' W step, see `_inverse_weights`. This is the step
+        -W^-1 A' (A W^-1 A')^-1 values.
+
+        Args:
+            equalities: affine functions (c,) of the coefficients that must vanish.
+            duration: required duration [s]; None leaves the duration free.
+            relative: whether changes of z are measured relative to the z of `y`, so that z changes little
+                where it is nearly zero. Changes of splines are always relative.
+
+        Raises:
+            InvalidInput: a Newton step on the duration leads to a z that is not positive.
+        """
+        inverse_weights = self._inverse_weights(y, relative)
+        for _ in range(MAX_ADJUSTMENT_STEPS):
+            slopes, values = self._linearise(y, equalities, duration)
+            norms = np.linalg.norm(slopes, axis=1)
+            norms[norms == 0] = 1.0  # an equality that depends on no coefficient
+            A = slopes / norms[:, None]  # (c, size) rows of unit length
+            directions = inverse_weights @ A.T  # (size, c)
+            step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
+            y = y - step
+            if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
+                break
+        return y
+
+    def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
+        """Return slopes (c, size) and values (c,) of the equations at y.
+
+        The equations are the equalities and, unless `duration` is None, T(y) - duration = 0.
+        """
+        slopes = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
+        values = equalities(y)
+        if duration is None:
+            return slopes, values
+        y_duration, duration_slopes = self._duration_and_slopes(y)
+        return np.vstack([slopes, duration_slopes]), np.append(values, y_duration - duration)
+
+    def _inverse_weights(self, y: Array, relative: bool) -> Array:
+        """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
+
+        Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
+        polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative` to z,
+        step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that grows
+        with the degree.
+        """
+        size = len(y)
+        if self.basis.is_spline:
+            return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
+        if not relative:
+            return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
+        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size) T_k at the samples
+        z = values @ y
+        change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)
+        degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
+        return np.linalg.inv(change_cost + degree_cost)
+
+    def _duration_and_slopes(self, y: Array) -> tuple[float, Array]:
+        """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
+
+        dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
+        on the panels that resolve z^(-1/2).
+        """
+        edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
+        points, weights = legendre.leggauss(PANEL_NODES)
+        half_widths = 0.5 * np.diff(edges)[:, None]
+        sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
+        basis_values = self.basis.matrix(self.stretch(sigma))  # (P, size)
+        sigma_weights = (half_widths * weights).ravel()  # (P,)
+        z = basis_values @ y
+        return float(sigma_weights @ z**-0.5), -0.5 * ((sigma_weights * z**-1.5) @ basis_values)
