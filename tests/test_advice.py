@@ -1,7 +1,5 @@
 """What to try after a refusal: the error carries it, the command line says it, and it is true."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shlex

@@ -1,7 +1,5 @@
 """The command line: exit codes, one line of complaint, JSON alone on stdout, files as in the contract."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

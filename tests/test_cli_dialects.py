@@ -1,7 +1,5 @@
 """`crossing check` and `crossing convert` on files of foreign dialects."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

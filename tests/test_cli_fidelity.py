@@ -1,7 +1,5 @@
 """`crossing fidelity` and `crossing plan --flexibility auto`: what they print, write and refuse."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`crossing map`: what it tells and writes, and maps that are killed and begun again."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

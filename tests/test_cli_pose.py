@@ -1,7 +1,5 @@
 """`crossing pose`: from the platform to the motors and back, and what it says of limits and misuse."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

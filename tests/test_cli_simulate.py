@@ -1,7 +1,5 @@
 """`crossing simulate` on scenes and on folders of plans."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

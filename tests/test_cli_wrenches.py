@@ -1,7 +1,5 @@
 """Wrenches on the command line: --wrench along the platform's axes, --wrench-on a frame."""
 
-from __future__ import annotations
-
 import html
 import json
 

@@ -1,7 +1,5 @@
 """What the command line says is one line, or one document, of printable letters, whatever happens."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The public face: few names, objects that nobody can change behind their proof, misuse answered in words."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import dataclasses

@@ -1,7 +1,5 @@
 """Studies of dimensions: areas by the geometry of the 5R, and the same files whatever computes them."""
 
-from __future__ import annotations
-
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor

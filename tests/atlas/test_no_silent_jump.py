@@ -1,7 +1,5 @@
 """Poses that are neighbours on a map are neighbours of one branch, whichever way each was reached."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

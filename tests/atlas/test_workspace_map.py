@@ -1,7 +1,5 @@
 """Maps: held pose by pose against the geometry of the 5R, and the same whatever computes them."""
 
-from __future__ import annotations
-
 import csv
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

@@ -5,8 +5,6 @@ a right angle), the cranks' accelerations by mpmath's own differentiation in fif
 written anew with numpy, scipy and pinocchio on the URDF alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

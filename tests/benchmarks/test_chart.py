@@ -1,7 +1,5 @@
 """The chart as a program, its tables and its figures."""
 
-from __future__ import annotations
-
 import csv
 import json
 

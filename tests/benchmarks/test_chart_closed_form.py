@@ -1,7 +1,5 @@
 """The references of the chart, against the five-bar solved by power series, and against what it must obey."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the methods of the chart must do, whatever machine they run on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -11,8 +11,6 @@ A plan is judged by the equations of motion in all coordinates (`tests.oracles.e
 1e-3, 1e-6 and 1e-9 s before and after each crossing.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

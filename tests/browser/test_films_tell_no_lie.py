@@ -1,7 +1,5 @@
 """What a film shows is true: all of the robot, angles, instants and labels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pages on a phone, on paper and for those who do not see colours or the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A run comes out the same to the last bit alone and among others: failures come back by their seeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Closed loops and studies of many: who passes, who does not, and that nothing depends on who computes."""
 
-from __future__ import annotations
-
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor

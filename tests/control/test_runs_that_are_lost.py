@@ -1,7 +1,5 @@
 """A run that is lost, or a platform that turns round, does not change what is said of a run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Accelerations are those of the motion: at rest at both ends, and the rates of the velocities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Derivatives of torques and accelerations against central differences, for every robot and kind of loop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

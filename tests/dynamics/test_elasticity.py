@@ -4,8 +4,6 @@ The witness is the simulation, which takes nothing from the planner but torques 
 along its path, or the torques are not those of the robot's deflections.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wrenches of the world: plans under them against virtual work, and what they may be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """From torques to accelerations: the way back from inverse dynamics, through Type 2, and without mass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Loads put on little by little: against the energy of the 5R written anew, where it snaps and where not."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

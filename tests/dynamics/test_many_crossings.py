@@ -1,7 +1,5 @@
 """Paths through many singular points, against virtual work in mpmath: a panel for each crossing."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.benchmarks.chart.along import crossing

@@ -1,7 +1,5 @@
 """The motion of an inverse dynamics: closed loops, rates that belong together, power that balances."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """What grows without feedback, against the closed form of a row of standing rods."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Admissible wrenches and speeds of the platform: at their corners the motors are at their limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull

@@ -1,7 +1,5 @@
 """W = G' tau: what a motion asks of the platform is what its motor torques give there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull

@@ -1,7 +1,5 @@
 """One instant: every body in balance by Newton and Euler, power, inertia, and what cannot be told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Deflections and law found together: balance, rest at both ends, and one answer whatever it started from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

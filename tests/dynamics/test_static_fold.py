@@ -1,7 +1,5 @@
 """Folds of deflections at rest, against arclength in all coordinates, and by the laws of soft springs."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

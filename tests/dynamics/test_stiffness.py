@@ -1,7 +1,5 @@
 """Stiffness and vibrations: closed forms of the 5R, energies written anew, differences of the simulator."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque on a Type 2 singularity itself: the plan's, the closed form's, and refusals that say why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

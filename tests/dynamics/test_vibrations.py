@@ -1,7 +1,5 @@
 """The first frequency of free vibrations against a closed form, and by how it scales."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

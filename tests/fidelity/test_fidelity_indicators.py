@@ -1,7 +1,5 @@
 """What is predicted of each level without a simulation, against the simulations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

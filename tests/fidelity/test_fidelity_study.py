@@ -1,7 +1,5 @@
 """Levels of fidelity: each is what it says, and judged by what its torques do in the highest model."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """What each scene of the catalogue keeps as its level: enough by simulation, and no lower level is."""
 
-from __future__ import annotations
-
 import pytest
 
 import robots

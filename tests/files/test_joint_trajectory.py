@@ -1,7 +1,5 @@
 """A plan as a trajectory for ros2_control: what the joints do, in the message's own words."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loop equations of whole robots: derivatives along any motion, and the same loops as rows written anew."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

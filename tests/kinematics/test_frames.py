@@ -1,7 +1,5 @@
 """Stacked poses, Jacobians and motions of frames against pinocchio's own answers, frame by frame."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import eigenpy

@@ -1,7 +1,5 @@
 """Closing the loops of many instants at once, and when two configurations share a working mode."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Newton's method on a stack: each instant for itself, whatever stands beside it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

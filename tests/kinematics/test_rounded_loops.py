@@ -1,7 +1,5 @@
 """Overconstrained loops of rounded dimensions: planned with the gap said, refused where it is no rounding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The integral of z^(-1/2) and laws that take exactly so long, against mpmath."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

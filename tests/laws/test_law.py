@@ -1,7 +1,5 @@
 """The motion law: its conditions, the paper's laws, and whether it always advances."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

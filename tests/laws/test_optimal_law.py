@@ -1,7 +1,5 @@
 """The law of free shape: its time by quadrature, its derivatives, and how exactly time is inverted."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

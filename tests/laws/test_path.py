@@ -1,7 +1,5 @@
 """Paths: where they go, their derivatives, and x(s(t)) differentiated in time."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import mpmath as mp

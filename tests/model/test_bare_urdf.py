@@ -1,7 +1,5 @@
 """Pinocchio parses what moves and nothing else: the same model, and no line of its parser's own."""
 
-from __future__ import annotations
-
 import os
 import re
 import xml.etree.ElementTree as ElementTree

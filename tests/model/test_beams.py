@@ -1,7 +1,5 @@
 """Springs from section and material against the closed-form deflections of a cantilever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

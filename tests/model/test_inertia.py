@@ -3,8 +3,6 @@
 The witness is a cloud of point masses: its inertia about the centre of mass is a body's by construction.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -1,7 +1,5 @@
 """One loader: the Python call and the command line read the same files, each of them once."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """Robot files: a good one becomes records, a bad one an error that lets its author mend it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

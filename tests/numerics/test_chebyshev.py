@@ -1,7 +1,5 @@
 """Functions of time as Chebyshev series, against numpy, mpmath and closed forms."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

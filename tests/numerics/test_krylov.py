@@ -1,7 +1,5 @@
 """GMRES with the step of least size: laws of linear algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

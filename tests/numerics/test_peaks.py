@@ -1,7 +1,5 @@
 """Peaks of functions of time, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework.numerics.peaks import peak_sizes

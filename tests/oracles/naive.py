@@ -3,8 +3,6 @@
 Nothing here is used outside the tests and the notebook on failures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

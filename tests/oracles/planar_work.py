@@ -1,7 +1,5 @@
 """Virtual work of the parts of a planar robot of three legs, by differences with fifty digits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mpmath as mp

@@ -4,8 +4,6 @@ The robots are those of `tests.planning.optimal.random_crossings`, in each slow 
 of the catalogue those of other kinds; all rigid and under gravity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """How short a motion may be under the optimal law, told before one is sought."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Limits of torque and speed in the robot file bind every plan, unless they are lifted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A motor without a limit of torque is not bounded by the limits of the others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

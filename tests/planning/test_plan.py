@@ -1,7 +1,5 @@
 """Planning: what is chosen, what is refused, and what a plan promises."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """One record says what is asked, whoever asks: a call, a scene or a command line."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, fields, replace
 from doctest import DocTestParser, DocTestRunner
 from inspect import getdoc, signature

@@ -1,7 +1,5 @@
 """A plan read back from its folder is the plan that was written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Assembly and working modes against the geometry of each robot and against published counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The derivatives of the equations along the joints, and bounds on how they change over boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The bounds that a paving of joints rests on, and that it misses nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ Nothing here names a robot but those of every kind, whose laws are held at once;
 robot more in every test of `test_every_robot_*.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 

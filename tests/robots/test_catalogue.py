@@ -1,7 +1,5 @@
 """What a file of `robots` must say to be in the catalogue under its own name."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib import import_module

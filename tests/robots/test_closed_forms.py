@@ -1,7 +1,5 @@
 """Laws of geometry and of Lagrange, for the robots whose own tests have a closed form of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ dynamics with the plan: see `tests.oracles.forward_simulation` and, where spring
 `tests.oracles.massless_simulation`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -6,8 +6,6 @@ in them. The witness here shares the tree and the words of the robot file (see `
 It looks at instants and costs little; `test_every_robot_simulated.py` integrates.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -5,8 +5,6 @@ Its drive springs sit behind motors without inertia, so they balance the motors 
 and its energy needs more nodes than most. The generated tests have to pass for it as for any right robot.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

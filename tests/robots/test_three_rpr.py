@@ -4,8 +4,6 @@ Nothing here is taken from the URDF but its numbers. Derivatives of the closed f
 digits, so that they cost no accuracy.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -4,8 +4,6 @@ Only positions of joints and frames are used, at the singular instant of the fir
 Jacobian, and nothing that searches singularities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from itertools import combinations

@@ -1,7 +1,5 @@
 """`crossing show` and `crossing report` at the command line: pages, refusals, and a clean end."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The figure of a fidelity study draws the errors that were measured, and the crossing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import robots

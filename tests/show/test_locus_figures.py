@@ -1,7 +1,5 @@
 """Maps: the locus of the 5R is where its rods are in line, by the geometry of the robot alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

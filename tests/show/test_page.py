@@ -1,7 +1,5 @@
 """The document of a scene and the page around it, for every robot of the catalogue."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Figures hold the plan's numbers, say their units, and show where the crossings are."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The call that a report tells asks for the plan that the report is about."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

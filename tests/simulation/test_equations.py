@@ -1,7 +1,5 @@
 """The equations of motion and their derivatives against differences, on robots with every kind of closure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

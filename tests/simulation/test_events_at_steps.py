@@ -1,7 +1,5 @@
 """A zero at the very instant where one step ends and the next begins is seen, and once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

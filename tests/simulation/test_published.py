@@ -1,7 +1,5 @@
 """Problems that others have published, with the solution that they give or that can be written down."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 anew from the words of the robot file.
 """
 
-from __future__ import annotations
-
 import sys
 
 import pytest

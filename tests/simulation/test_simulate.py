@@ -1,7 +1,5 @@
 """`simulate` on plans, torques and controllers: back on the path, energy kept, errors that name the thing."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Fixed steps: of second order, without drift, alike alone and in stacks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

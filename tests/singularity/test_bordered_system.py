@@ -1,7 +1,5 @@
 """The bordered measure against determinants and singular values, in more digits than doubles have."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

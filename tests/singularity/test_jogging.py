@@ -1,7 +1,5 @@
 """A robot moved by hand keeps its loops closed, and stops where its geometry ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Singular points on a path against the closed-form locus of the planar 5R."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The root of g: where a matrix of known determinant loses rank, whatever moves it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The measure that figures show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -6,8 +6,6 @@ Why: symmetric paths are what people draw first.
 What we do: panels of a smooth law end beside the crossing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -8,8 +8,6 @@ What we do: functions of time are series, and derivatives are exact for them; th
 amplified by about 64^2 and 64^4 / 10, and that much of it is seen.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

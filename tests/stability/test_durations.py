@@ -10,8 +10,6 @@ robots that would tear in a microsecond are refused. So is a slow crossing under
 inertia vanishes" leaves the whole weight along t_s, however slowly; only a fall with it passes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

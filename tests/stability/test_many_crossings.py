@@ -8,8 +8,6 @@ What we do: the number of trials is bounded, whatever the number of unknowns, an
 points no law is searched for at all. Cut the path instead.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

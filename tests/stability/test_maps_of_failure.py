@@ -10,8 +10,6 @@ condition), (size, duration), (payload, mass of a link over it), for our methods
 others. Here are some cells of ours.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

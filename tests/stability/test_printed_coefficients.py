@@ -8,8 +8,6 @@ What we do: coefficients belong to Chebyshev polynomials, none larger than one: 
 coefficient is all that is lost in s.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

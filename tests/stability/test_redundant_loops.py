@@ -9,8 +9,6 @@ What we do: independent rows are found once, at the reference, by rank-revealing
 however often and in whatever units of length the loops are written.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

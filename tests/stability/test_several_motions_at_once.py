@@ -10,8 +10,6 @@ contradict each other. Where they agree the robot passes: straight down it falls
 Beside the flat pose there are three crossings, each of its own, and each is found.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -8,8 +8,6 @@ What we do: the torque is that of the loads, the deflection is torque / k, and n
 Springs too soft for the motion are refused as such.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -8,8 +8,6 @@ What we do: such a path is refused and told from one that ends a little before, 
 large, finite and computed (and the optimal law, of lower peak, is taken where the law is open).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

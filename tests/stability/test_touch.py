@@ -8,8 +8,6 @@ all its extrema are eigenvalues of a small matrix; none is stepped over. At a to
 condition (8) and its derivative at once: the optimal law meets both, the polynomial is refused.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -8,8 +8,6 @@ What we do: loop equations are made dimensionless by the robot's own length befo
 judged. The crossing is the same to rounding, torques scale with the square of the length.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

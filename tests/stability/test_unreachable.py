@@ -8,8 +8,6 @@ What we do: the path is followed to the last pose that closes, and the error say
 ends there, and how far it got.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

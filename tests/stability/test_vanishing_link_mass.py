@@ -7,8 +7,6 @@ What we do: inverse dynamics never inverts M. Torques tend to those of massless 
 mass at all are exactly theirs.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -7,8 +7,6 @@ What we do: a step counts only if the corrector stays small against the predicto
 its sign; else it is halved. A path that meets the fold is refused, with the leg and the place.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

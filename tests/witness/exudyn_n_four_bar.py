@@ -6,8 +6,6 @@ ground and N bars between their tips, 1 m and 1 kg each, upright at the start, t
 Whenever all links lie on one line, each loop loses a rank and could fold.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Mechanism

@@ -5,8 +5,6 @@ slider are bodies in a vertical plane, y up. An elastic rod has a massless slide
 screw the inertia of its rotor ahead of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

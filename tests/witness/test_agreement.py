@@ -1,7 +1,5 @@
 """The two simulators against each other, where the robot does not do what was planned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The simulators as rows of the chart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Exudyn, driven by our torques, must take the payload along our path, through the singularity."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Exudyn on other mechanisms: the slider-crank under our torques, and a published one that tests Exudyn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk

@@ -6,8 +6,6 @@ turn there), `mj_inverse` says what the open tree needs, with the file's armatur
 springs, and the Jacobian of its equalities what the loops take off the joints without a motor.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 

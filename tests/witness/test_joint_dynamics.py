@@ -4,8 +4,6 @@ MuJoCo computes what the open tree needs, with its own armature, damping and spr
 own equalities; the motors then balance the power along every motion that these leave free.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import import_module
 

@@ -1,7 +1,5 @@
 """Robots that we export, loaded by MuJoCo: the same tree, the same loops, the same motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import import_module
 

@@ -1,7 +1,5 @@
 """MuJoCo must find our torques on our motion, and be taken along our path by them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -13,8 +13,6 @@ A quotient 0/0 at the singular instant costs as many digits as the instant is ne
 Source: Briot and Arakelian 2010, section 3; condition (8) is W x p = 0 where the rods are parallel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext

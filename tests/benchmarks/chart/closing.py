@@ -5,8 +5,6 @@ With the platform given a Type 2 singularity is no event. With the motors given 
 is found is off by the square root of what the equations are solved to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import NamedTuple

@@ -6,8 +6,6 @@ are affine in accelerations and quadratic in rates, so that wide steps are exact
 order 2, 4 and 8, over steps about the one that loses the fewest digits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 

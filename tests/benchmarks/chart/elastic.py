@@ -6,8 +6,6 @@ the farther the softer they are. Links have no mass here, so no derivative of a 
 equation, and plain repetition has an easy task.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial

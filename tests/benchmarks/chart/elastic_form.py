@@ -11,8 +11,6 @@ singular point. The elongations at the crossing itself, where the equations are 
 around it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal, localcontext

@@ -9,8 +9,6 @@ how far the payload comes off its path over the path's length. All have the sett
 printed: that is the point. Where nothing is returned, or no number, a method has refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any

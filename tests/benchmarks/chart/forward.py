@@ -5,8 +5,6 @@ come along its path; the squeezer has to end at the angles of two programs that 
 largest distance of the payload from its path [m], or that of an angle at the end [rad].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Literal

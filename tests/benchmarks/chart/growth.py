@@ -6,8 +6,6 @@ about a corner of its platform through 1 to 6 singular points, against virtual w
 the least number of nodes or samples of its ladder with which it is right to GOAL.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ and the true torque has a pole, as infinite as any and the narrower the smaller 
 see it. Errors are against that torque, as near to its pole as 10 us, over the largest one of the right law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import cache

@@ -4,8 +4,6 @@ Those of the framework, and what one writes with pinocchio and scipy. Models and
 beforehand; asking for the torque of a step or stage counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

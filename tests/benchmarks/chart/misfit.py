@@ -6,8 +6,6 @@ is no. Judged are the elongations of the rods, as near to the point as 10 us; an
 counts as wrong. Springs are softer by the factor that the load over the stiffness is more than the paper's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """What methods of the map of failure return, and how they are declared."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ has a kink and no sign: its minimum is found to half the digits. The determinant
 bordered g change sign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, partial

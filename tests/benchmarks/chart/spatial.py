@@ -4,8 +4,6 @@ Along a crossing, legs without mass, against virtual work in mpmath (chart/virtu
 5R's stage cannot be carried over: here poses cost more, and all loops are closed in every one of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from tests.benchmarks.chart.along import Along, Torque, crossing

@@ -7,8 +7,6 @@ quotient 0/0 at the crossing: what a method leaves of condition (8) by rounding,
 is divided by the distance to the singular instant. Tables are read by splines of degree 3, 5, 7 and 9.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial

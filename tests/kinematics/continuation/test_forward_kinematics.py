@@ -1,7 +1,5 @@
 """From motors to the pose: closed forms, the way there and back, and an end at Type 2 singularities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

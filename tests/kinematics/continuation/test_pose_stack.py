@@ -1,7 +1,5 @@
 """Poses in stacks and in streams are those found one by one; both end where the assembly mode does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Following a path: the branch of a closed form, whichever way and in whatever steps it is followed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Closed is judged by pinocchio's frame placements alone.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

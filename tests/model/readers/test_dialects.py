@@ -1,7 +1,5 @@
 """One robot in every dialect is one robot; what a dialect leaves unsaid is asked for by name."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -4,8 +4,6 @@ The corpus: changes made to the good files of tests/data/dialects, each with the
 and mutations made by rule - every tag dropped, every attribute dropped or spoilt - that must never crash.
 """
 
-from __future__ import annotations
-
 import random
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path

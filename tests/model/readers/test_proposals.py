@@ -1,7 +1,5 @@
 """What convert proposes of a file that is silent, what it holds, and what it leaves out."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """SDF: one mechanism in three formats has one plan; poses, axes and nested names mean what SDFormat says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """URDFs as they are found: mimics, joints of Gazebo, macros, other programs' elements, impossible bodies."""
 
-from __future__ import annotations
-
 import re
 from itertools import combinations
 from pathlib import Path

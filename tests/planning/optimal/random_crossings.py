@@ -10,8 +10,6 @@ Seed and ranges were fixed before the first run. Redrawn is only what leaves the
 number of crossings, or has them closer than `CLEAR` to one another and to the ends of the path.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace

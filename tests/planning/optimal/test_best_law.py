@@ -1,7 +1,5 @@
 """The optimal law: what it is best at, its limits, and the motions that only it makes possible."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The estimates of the best laws against plans, and against the known optimum of the flat 5R."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of splines that become one series, as deflections need them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the motors allow along a path: against linear programs, and against certified torques."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog

@@ -1,7 +1,5 @@
 """Bounds of all laws: closed forms, integrals with many digits, and laws that must not be below them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Limits that are too low: refused with numbers that would do, and planned with these."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

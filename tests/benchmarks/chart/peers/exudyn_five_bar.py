@@ -7,8 +7,6 @@
 With mass, rods are rigid bodies too; an elastic one has a massless slider at its tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -9,8 +9,6 @@ Forces are read at the end of each step, where the generalised-alpha method (in 
 balances them. Its error falls with the square of the step.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -11,8 +11,6 @@ DOI 10.1109/IROS.2012.6386109; the page "Computation" of its documentation. What
   mass to accelerate.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -7,8 +7,6 @@ loop over the steps is MuJoCo's own (`rollout`). What is left is the soft loop (
 again from the initial state and goes on.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
