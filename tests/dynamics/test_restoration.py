@@ -13,7 +13,7 @@ from framework.dynamics.restoration import deflections_of
 from framework.laws.clock import OnParameter
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import MAX_END_RATE
-from tests.benchmarks.upright_robots import drawn, is_right, judged
+from tests.dynamics.upright_robots import drawn, is_right, judged
 
 ROBOTS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
 STIFF = 0.01  # compliance over that of the catalogue

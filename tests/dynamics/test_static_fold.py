@@ -9,7 +9,7 @@ from framework import NoLaw, plan_crossing
 from framework.dynamics.static_fold import find_static_fold
 from framework.planning.refusals.refusal_proofs import StaticFold
 from framework.singularity.points_on_path import search_path
-from tests.benchmarks.upright_robots import drawn
+from tests.dynamics.upright_robots import drawn
 from tests.oracles.static_fold import fold
 
 

@@ -172,6 +172,13 @@ class ExactMotion:
         """s or its derivative [1/s^order]."""
         return sum((c * _slope(t, k, order) for k, c in enumerate(self.powers)), Decimal(0))
 
+    def singular_time(self) -> Decimal:
+        """The instant [s] at which the path is singular, by Newton's method."""
+        t = CROSSING_TIME
+        for _ in range(60):
+            t -= (self.law(t) - self.s_c) / self.law(t, 1)
+        return t
+
     def platform(self, times: Iterable[float]) -> Array:
         """Payload (T, 2) [m] at times (T,) [s]."""
         with localcontext(prec=DIGITS):

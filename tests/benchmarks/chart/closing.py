@@ -220,7 +220,7 @@ STAGE = Stage(
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the cranks  [rad]",
     methods=(
-        _declared("stacked_newton", "ours, Newton on all poses at once", _ours, kind="ours"),
+        _declared("stacked_newton", "ours, Newton on all poses at once", _ours),
         _declared("newton", "Newton, Pinocchio pose by pose", _one_by_one(newton), source=_BARE),
         *(
             _declared(
@@ -244,7 +244,7 @@ STAGE = Stage(
             given="nothing",
             unit="evaluations",
             settings=singles(1),
-            kind="frontier",
+            frontier=True,
         ),
     ),
     judge=judge,

@@ -168,8 +168,8 @@ STAGE = Stage(
     reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
     error="largest error of the rods over their largest",
     methods=(
-        _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed"), kind="ours"),
-        _declared("small", "ours, small displacements", partial(_planned, geometry="rigid"), kind="ours"),
+        _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed")),
+        _declared("small", "ours, small displacements", partial(_planned, geometry="rigid")),
         _declared(
             "repeated", "plain repetition", partial(_repeated, moved=True), given=_GIVEN, source=_PLAIN
         ),

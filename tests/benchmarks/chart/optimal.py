@@ -121,7 +121,6 @@ STAGE = Stage(
             given="path, limit",
             unit="intervals looked at",
             settings=singles(500),
-            kind="ours",
         ),
         Method(
             "toppra",

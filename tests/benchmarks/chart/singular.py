@@ -192,7 +192,6 @@ STAGE = Stage(
             _bordered_steps,
             unit="steps",
             settings=STEPS,
-            kind="ours",
         ),
         _declared(
             "bordered_root",
@@ -200,7 +199,6 @@ STAGE = Stage(
             _root,
             unit="longest step",
             settings=singles(0.2),
-            kind="ours",
         ),
         _declared(
             "located",
@@ -209,7 +207,6 @@ STAGE = Stage(
             given="path followed",
             unit="points",
             settings=singles(1),
-            kind="ours",
         ),
         _declared(
             "svd_minimum",
