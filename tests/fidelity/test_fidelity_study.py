@@ -30,7 +30,6 @@ from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import in_stages
 
 NAMES = [level.name for level in LEVELS]
-PATH = np.hypot(0.15, 0.15)  # [m] of scene C
 
 
 @cache

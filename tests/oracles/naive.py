@@ -88,11 +88,6 @@ def power_coefficients(conditions: Sequence[tuple[float, int, float]]) -> np.nda
     return np.linalg.lstsq(rows, np.array([value for *_, value in conditions]))[0]
 
 
-def second_difference(function: Callable[[float], np.ndarray], t: float, h: float) -> np.ndarray:
-    """Forward differences, as a controller or a script without derivatives takes them."""
-    return (function(t + 2 * h) - 2 * function(t + h) + function(t)) / h**2
-
-
 def newton(
     residual: Callable[[np.ndarray], np.ndarray],
     slope: Callable[[np.ndarray], np.ndarray],

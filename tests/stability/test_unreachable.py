@@ -30,24 +30,26 @@ def naive_gap(target) -> float:
     return float(max(gaps))
 
 
-def last_reachable(target) -> float:
-    """s at which the straight way from START leaves the reach of a leg, in closed form."""
+def last_reachable(target) -> tuple[float, str]:
+    """s at which the straight way from START leaves the reach of a leg, in closed form, and its motor."""
     way, found = np.array(target) - START, []
     for base in BASES:
         arm = START - [base, 0.0]
         a, b, c = way @ way, arm @ way, arm @ arm - REACH**2
         found.append(-c / (b + np.sqrt(b * b - a * c)))  # c < 0: the positive root, without cancelling
-    return float(min(found))
+    first = int(np.argmin(found))
+    return float(found[first]), ("left_motor", "right_motor")[first]
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_we_say_where_the_reach_ends(target):
     assert naive_gap(target) > 0.005  # [m]; and no complaint
-    with pytest.raises(OutOfReach) as caught:
+    s, motor = last_reachable(target)
+    with pytest.raises(OutOfReach, match=f"leg of {motor}") as caught:
         plan_crossing(robots.load("five_bar"), Line(START, target), duration=1.0)
     way = np.linalg.norm(np.array(target) - START)
     step = 2e-7 * max(way, 1.0)  # [m]: the shortest step of the follower is 1e-7 of the path
-    assert abs(caught.value.s - last_reachable(target)) * way < step + 1e-9
+    assert abs(caught.value.s - s) * way < step + 1e-9
     with pytest.raises(OutOfReach):
         assemble(robots.load("five_bar"), target)
 

@@ -16,7 +16,6 @@ INERTIAL = (
     "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
     "<izz>0.01</izz></inertia></inertial>"
 )
-LENGTHS = {"left_crank": 0.25, "left_rod": 0.25, "right_crank": 0.25, "right_rod": 0.25}
 POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
 PLACES = {"left_crank": "-0.2 0 0", "left_rod": "0.05 0 0", "right_crank": "0.2 0 0", "right_rod": "0.45 0 0"}
 JOINTS = (
