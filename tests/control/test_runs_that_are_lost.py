@@ -31,7 +31,10 @@ def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
     np.testing.assert_array_equal(among.tracking_error[[0, 2]], alone.tracking_error[0])
 
 
-@pytest.mark.parametrize("name", ["feedforward", "lqr", "computed_torque"])
+@pytest.mark.parametrize(
+    "name",
+    ["lqr", *(pytest.param(name, marks=pytest.mark.slow) for name in ("feedforward", "computed_torque"))],
+)
 def test_a_platform_may_turn_by_more_than_half_a_turn(name):
     plan = plan_scene(robots.load("four_bar"), "full_turn")
     assert plan.platform([plan.duration])[0, 0] < -np.pi

@@ -70,9 +70,10 @@ def our_error(stiffness: float) -> float:
 
 
 def test_torque_from_the_ends_of_a_stiff_spring_loses_its_digits():
-    naive, ours = (np.array([error(k) for k in STIFFNESSES]) for error in (naive_error, our_error))
-    assert naive[-1] > 1e-6
-    assert naive[-1] / naive[-5] > 1e3  # ten times as stiff, one digit less
+    stiffnesses = STIFFNESSES[::-4]
+    naive, ours = (np.array([error(k) for k in stiffnesses]) for error in (naive_error, our_error))
+    assert naive[0] > 1e-6
+    assert naive[0] / naive[1] > 1e3  # ten times as stiff, one digit less
     assert ours.max() < 1e-12  # whatever the stiffness: rounding of 64 nodes and two derivatives
 
 

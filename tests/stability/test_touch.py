@@ -75,7 +75,7 @@ def test_two_crossings_are_found_however_near_to_each_other(depth):
 
 
 def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
-    for depth in DEPTHS:
+    for depth in DEPTHS[::3]:
         assert found(-depth)[2] == 0
     (touch,) = locate_singularities(without_rotors(), chord(0.0))
     assert touch.contact == "tangential"

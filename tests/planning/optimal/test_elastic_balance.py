@@ -35,6 +35,7 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     np.testing.assert_allclose(series.squared_speed(sigma), law.squared_speed(sigma), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_exceeded_between_points_still_has_a_law():
     robot = robots.load("three_rrr", flexibility="flexible_joints")
     plan = plan_scene(robot, "crossing", law="optimal", optimize="time", torque_limit=30.0, duration=None)
