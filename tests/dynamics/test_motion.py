@@ -17,13 +17,6 @@ def plan(request):
     return plan_crossing(robots.load("five_bar", flexibility=request.param), LINE, duration=1.5)
 
 
-def test_one_instant_is_that_of_many(plan):
-    t = np.array([0.2, 0.9])
-    one, many = plan.dynamics.motion(0.9), plan.dynamics.motion(t)
-    np.testing.assert_allclose(one.v[0], many.v[1], atol=1e-13)
-    np.testing.assert_allclose(one.a[0], many.a[1], atol=1e-11)
-
-
 @pytest.mark.parametrize("name", ["five_bar_heavy", "delta"])
 def test_the_wrench_that_all_bodies_ask_for_does_the_work_that_goes_into_them(name):
     """W_p . v is the rate of kinetic and potential energy of all bodies, their motion led by the platform."""

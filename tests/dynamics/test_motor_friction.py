@@ -8,11 +8,9 @@ import pytest
 
 import robots
 from framework import (
-    InvalidInput,
     Line,
     NoLaw,
     ParallelRobot,
-    inverse_dynamics,
     load_plan,
     plan_crossing,
     simulate,
@@ -105,14 +103,6 @@ def test_friction_of_other_joints_changes_nothing_but_is_named():
 
 def test_the_simulated_robot_has_no_dry_friction_and_is_driven_without_it(polynomial):
     assert simulate(polynomial.robot, polynomial).tracking_error < 1e-9
-
-
-def test_any_law_is_given_its_friction(polynomial):
-    law, t = polynomial.law, [0.2, 0.9]
-    counted = inverse_dynamics(polynomial.robot, LINE, law)
-    np.testing.assert_allclose(counted.torque(t), polynomial.torque(t), rtol=1e-12)
-    with pytest.raises(InvalidInput, match="friction"):
-        inverse_dynamics(polynomial.robot, LINE, law, friction="some")
 
 
 LIMIT = 0.2  # [N m]
