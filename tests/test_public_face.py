@@ -233,12 +233,6 @@ def test_what_was_searched_belongs_to_what_is_planned() -> None:
         plan_request(ROBOT, Request.of(ROBOT, PATH, duration=1.5), searched=other)
 
 
-def test_equal_paths_have_equal_hashes() -> None:
-    one, two = Line([0.0, 0.3], [0.1, 0.2]), Line([-0.0, 0.3], [0.1, 0.2])
-    assert one == two
-    assert hash(one) == hash(two)
-
-
 EVERY_COMMAND_HAS = {"add", "run"}  # `framework.cli` calls them
 STARTS = {"main"}  # of `crossing` and of `python -m framework`
 

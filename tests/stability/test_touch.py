@@ -81,6 +81,10 @@ def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
     assert touch.contact == "tangential"
     with pytest.raises(NoLaw, match="touches the locus without crossing"):
         plan_crossing(without_rotors(), chord(0.0), duration=1.5, law="polynomial")
+    with pytest.raises(
+        NotConverged, match="torques are not resolved"
+    ):  # nor does a law without conditions pass
+        plan_crossing(without_rotors(), chord(0.0), duration=1.5, times=[])
 
 
 def test_a_touch_is_crossed_by_a_law_that_meets_the_condition_and_its_derivative():
