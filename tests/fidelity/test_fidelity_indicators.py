@@ -11,7 +11,7 @@ from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dyna
 from framework.fidelity.chosen_level import predict_errors, predict_level, scene_level
 from framework.fidelity.fidelity_indicators import Indicators, LevelError
 from framework.model.fidelity_levels import LEVELS
-from tests.fidelity.test_kept_levels import PLANNED
+from tests.fidelity.test_fidelity_study import PLANNED
 from tests.robots.every_robot import in_stages
 
 

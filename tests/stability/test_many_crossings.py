@@ -16,7 +16,7 @@ from framework import Line, NoLaw, assemble, locate_singularities, plan_crossing
 from framework.planning import timing
 from framework.planning.request import Request
 from framework.planning.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
-from tests.benchmarks.chart.along import massless_legs
+from tests.benchmarks.chart.along import crossing, massless_legs
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)
@@ -76,3 +76,15 @@ def test_the_optimal_law_passes_all_points_of_a_platform_that_keeps_turning():
     twists = np.array([crossing.twist for crossing in plan.crossings])
     np.testing.assert_allclose(np.sum(wrench * twists, axis=1), 0, atol=1e-9 * np.abs(wrench).max())
     assert np.all(np.diff(plan.law(np.linspace(0.0, 10.0, 2001))) > 0)
+
+
+# paths through many singular points, against virtual work in mpmath: a panel for each crossing
+
+
+TOLERANCE = 1e-10
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_a_law_through_many_crossings_is_resolved(count):
+    case = crossing("three_rpr", count)
+    assert case.error(case.proved(TOLERANCE)) < TOLERANCE
