@@ -26,7 +26,7 @@ from framework.planning.scenes import scene_path
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SQUARED_SPEED_FLOORS
-from tests.planning.optimal.best_law_bounds import BestLaws
+from tests.planning.optimal.least_energy import least_energy
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 PAPERS = 0.164918  # [N m] peak torque of the paper's law in scene C, rigid robot
@@ -98,7 +98,7 @@ def test_energy_is_least_where_it_is_asked_for(robot):
         return float(0.5 * plan.duration * weights @ (plan.torque(at) ** 2).sum(axis=1))
 
     frugal = plan_crossing(robot, LINE, duration=1.5, optimize="energy")
-    least = BestLaws(robot, LINE).least_energy(1.5)  # by another discretisation, on torques of its own
+    least = least_energy(robot, LINE, 1.5)  # by another discretisation, on torques of its own
     assert 0.999 * least < energy(frugal) < 1.01 * least
     for other in (
         plan_crossing(robot, LINE, duration=1.5, law="optimal"),
