@@ -34,7 +34,7 @@ def distances(name, flexibility, step, **options):
     """Largest distance from the path [m], and the largest gap between the tips [m], of a forward run."""
     plan = plan_of(name, flexibility)
     robot = FiveBar.of(name, flexibility)
-    done = forward.simulate(robot, plan.torque, plan.platform(0.0), step=step, duration=DURATION, **options)
+    done = forward.prepared(robot, plan.torque, plan.platform(0.0), step=step, duration=DURATION, **options)()
     return done.error(plan).max(), done.gap
 
 

@@ -107,14 +107,14 @@ def _integrated(made: Callable[..., Prepared], *options: Any, tolerance: float |
 
 def _simulator(module: str) -> Callable[[Variant], Outcome]:
     def run(variant: Variant) -> Outcome:
-        simulate_ = import_module(f"tests.benchmarks.chart.peers.{module}").simulate
-        found = simulate_(
+        prepared = import_module(f"tests.benchmarks.chart.peers.{module}").prepared
+        found = prepared(
             variant.five_bar,
             variant.torque,
             variant.platform(0.0),
             step=variant.duration / STEPS,
             duration=variant.duration,
-        )
+        )()
         return _places(variant, found.time, found.platform)
 
     return run

@@ -21,22 +21,6 @@ from tests.benchmarks.chart.peers.five_bar import SIDES, FiveBar, Run, start_ang
 from tests.benchmarks.chart.peers.mujoco_five_bar import model_of
 
 
-def simulate(
-    robot: FiveBar,
-    torque: Callable[[Array], Array],
-    start: Array,
-    *,
-    step: float,
-    duration: float,
-    **options: Any,
-) -> Run:
-    """Drive the robot by motor torques from rest at `start` (2,) [m]; as Exudyn's `simulate`.
-
-    `options` are those of `prepared`, which says what is raised.
-    """
-    return prepared(robot, torque, start, step=step, duration=duration, **options)()
-
-
 def prepared(
     robot: FiveBar,
     torque: Callable[[Array], Array],
