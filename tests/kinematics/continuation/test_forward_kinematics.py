@@ -8,7 +8,6 @@ import robots
 from framework import (
     InvalidInput,
     Line,
-    NotAssembled,
     Type2Singularity,
     assemble,
     forward_kinematics,
@@ -205,18 +204,6 @@ def test_springs_keep_their_deflections():
     np.testing.assert_array_equal(moved.q[robot.elastic], q[robot.elastic])
 
 
-def test_clearance_is_the_least_on_the_way():
-    robot = robots.load("five_bar")
-    start = assemble(robot)
-    q_a = motors_of(robot, start.q)
-    still = forward_kinematics(robot, q_a)
-    np.testing.assert_array_equal(still.q, start.q)
-    apart = np.array([0.1, -0.1])  # as the elbows part, the rods come into line
-    way = [forward_kinematics(robot, q_a + part * apart).clearance for part in np.linspace(0.0, 1.0, 6)]
-    assert way[0] == still.clearance
-    assert np.all(np.diff(way) <= 0)
-
-
 @pytest.mark.parametrize(
     ("name", "q_a", "near", "complaint"),
     [
@@ -231,25 +218,6 @@ def test_clearance_is_the_least_on_the_way():
 def test_what_cannot_be_right_is_refused(name, q_a, near, complaint):
     with pytest.raises(InvalidInput, match=complaint):
         forward_kinematics(robots.load(name), q_a, near=near)
-
-
-def test_its_error_is_one_of_assembly():
-    assert issubclass(Type2Singularity, NotAssembled)
-
-
-@pytest.mark.parametrize("name", ["five_bar", "gough_stewart"])
-def test_a_stream_of_motor_angles_is_followed_from_the_last_pose(name):
-    """As from its configuration alone, and back where it came from."""
-    robot = robots.load(name)
-    start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    pose = None
-    for k in range(13):
-        angles = start + 0.02 * np.sin(np.pi * k / 6) * np.ones(robot.n_a)
-        alone = forward_kinematics(robot, angles, near=None if pose is None else pose.q)
-        pose = forward_kinematics(robot, angles, near=pose)
-        np.testing.assert_allclose(pose.q, alone.q, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(pose.x, alone.x, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(pose.q, robot.reference.q, rtol=0, atol=1e-12)
 
 
 STEPS = 200

@@ -88,16 +88,6 @@ def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
     assert are_same(robot, turn(robot, turns[arrived][off], 64 * STEPS), q[off]).all()
 
 
-def test_a_stream_of_a_plan_follows_the_plan():
-    plan = plan_scene(robots.load("five_bar"), "A")
-    times = np.linspace(0.0, plan.duration, 40)
-    samples = plan.motor_angle(times) / plan.robot.gear_ratio
-    near = plan.configuration(times[:1])[0]
-    followed = list(follow_motors(plan.robot, iter(samples), near=near))
-    np.testing.assert_allclose([pose.q for pose in followed], plan.configuration(times), atol=1e-12)
-    np.testing.assert_allclose([pose.x for pose in followed], plan.platform(times), atol=1e-12)
-
-
 def test_a_stream_that_meets_type_2_ends_between_the_samples_around_it():
     plan = plan_scene(robots.load("five_bar"), "C")
     (crossing,) = plan.crossings
