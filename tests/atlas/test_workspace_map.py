@@ -1,7 +1,6 @@
 """Maps: held pose by pose against the geometry of the 5R, and the same whatever computes them."""
 
 import csv
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -18,8 +17,6 @@ from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.modes import mode_signs
 from framework.numerics.kept import KeptChunks
 from framework.show.map import NOT_TRACED, map_page, plot_map
 from framework.singularity.traced_locus import TracedLocus
@@ -197,77 +194,12 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     assert "one motor for each freedom" in map_page(found)
 
 
-@pytest.mark.parametrize(
-    "name", ["three_rrr", pytest.param("gough_stewart", marks=pytest.mark.slow), "agile_eye"]
-)
-def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
-    robot = robots.load(name)
-    found = workspace_map(robot, survey_window(robot, size=9), ["g"])
-    near = np.abs(found.window.points() - robot.reference.x).max(axis=2)
-    places = [tuple(map(int, at)) for at in np.argwhere(found.reached & (near < 0.3 * near.max()))[::3]]
-    assert places
-    for i, j in places:
-        x = found.window.points()[i, j]
-        one, two = (linearised_at(robot, q[None], x[None]) for q in (found.q[i, j], assemble(robot, x).q))
-        np.testing.assert_allclose(one.frames.position, two.frames.position, rtol=0, atol=1e-8 * robot.length)
-        assert mode_signs(robot, one)[1] == mode_signs(robot, two)[1] == found.assembly[i, j]
-
-
 def test_no_step_goes_through_a_folded_leg():
     """Straight across the motor's place, where the leg has no length and may come out on either side."""
     robot = robots.load("five_bar")
     start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
     step = step_poses(robot, assemble(robot, start[0]).q[None], start, end)
     assert step.reason[0] in (PoseReason.OPEN, PoseReason.OTHER_MODE)
-
-
-def test_a_map_does_not_depend_on_the_executor(tmp_path):
-    robot = robots.load("five_bar", flexibility="flexible_joints")
-    files = []
-    for pool in (None, ThreadPoolExecutor(2)):
-        found = workspace_map(robot, window(robot, 20), executor=pool)
-        folder = tmp_path / str(pool is None)
-        folder.mkdir()
-        files.append([file.read_bytes() for file in write_map(found, folder)])
-    assert files[0] == files[1]
-
-
-class Stopped(KeyboardInterrupt):
-    pass
-
-
-def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeypatch):
-    robot = robots.load("five_bar")
-    at, quantities = window(robot, 40), choose_quantities(robot, None)
-    kept = KeptChunks.of(tmp_path, setup_document(robot, at, quantities))
-    computed = []
-    module = "framework.atlas.workspace_map"
-    filled = workspace_map.__globals__["fill_band"]
-
-    def counted(robot, window, quantities, band):
-        if len(computed) == 2:
-            raise Stopped
-        computed.append(band.name)
-        return filled(robot, window, quantities, band)
-
-    monkeypatch.setattr(f"{module}.fill_band", counted)
-    with pytest.raises(Stopped):
-        workspace_map(robot, at, keeper=kept)
-    assert sorted(kept.read()) == computed
-    first = list(computed)
-    monkeypatch.setattr(
-        f"{module}.fill_band", lambda *given: computed.append(given[3].name) or filled(*given)
-    )
-    done = []
-    resumed = workspace_map(robot, at, keeper=kept, progress=done.append)
-    assert sorted(computed) == sorted(set(computed))
-    assert len(computed) == 5 > len(first)
-    assert done[0] == 16 * 40
-    assert done[-1] == 1600
-    fresh = workspace_map(robot, at)
-    for key, values in fresh.values.items():
-        np.testing.assert_array_equal(resumed.values[key], values)
-    np.testing.assert_array_equal(resumed.q, fresh.q)
 
 
 def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
