@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, forward_kinematics
+from framework import InvalidInput
 from framework.kinematics.pose import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -100,15 +100,6 @@ def test_other_robots_are_searched(name, status):
     for mode in found.modes:
         assert describe_pose(robot, mode.q).closure_error < 1e-9
         np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["five_bar", "delta", "three_rrr"])
-def test_the_pose_that_forward_kinematics_leads_to_is_one_of_them(name):
-    robot = robots.load(name)
-    q_a = robot.actuated_coordinates(robot.reference.q[None])[0] + 0.02 * np.resize([1.0, -0.5], robot.n_a)
-    pose = forward_kinematics(robot, q_a)
-    off = [np.abs(mode.x - pose.x).max() for mode in assembly_modes(robot, q_a).modes]
-    assert min(off) < 1e-9
 
 
 def test_redundant_motors_are_refused():

@@ -49,29 +49,6 @@ def test_the_scheme_is_chosen_by_the_springs(flexibility):
     assert stepper.scheme == ("extrapolated" if flexibility == "flexible_links" else "midpoint")
 
 
-def test_a_stack_of_other_robots_is_each_of_them_alone():
-    robot = robots.load("five_bar_heavy")
-    plan = plan_scene(robot, "C")
-    others = []
-    for extra in (0.0, 0.5, 1.0):
-        model = robot.model.copy()
-        model.inertias[2].mass += extra
-        others.append(replace(robot, model=model, rotor_inertia=(1 + extra) * robot.rotor_inertia))
-    q, v = plan.dynamics.configuration([0.3, 0.5, 0.7]), plan.dynamics.velocity([0.3, 0.5, 0.7])
-    torque = plan.torque(np.array([0.3, 0.5, 0.7]))
-    together = Stepper.of(others, damping=0.1)
-    stacked = together.step(q, v, torque, 1e-3)
-    x, twist = together.platform(*stacked)
-    for k, other in enumerate(others):
-        alone = Stepper.of(other, damping=0.1)
-        state = alone.step(q[k], v[k], torque[k], 1e-3)
-        np.testing.assert_allclose(stacked.q[k], state.q, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(stacked.v[k], state.v, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(x[k], alone.platform(*state)[0], atol=1e-14)
-        np.testing.assert_allclose(twist[k], alone.platform(*state)[1], atol=1e-12)
-    assert np.abs(stacked.v[1] - stacked.v[0]).max() > 1e-3
-
-
 def test_pinocchio_s_contact_dynamics_steps_alike():
     """Another solver, of order 4: what is left is the error of the midpoint rule."""
     robot = robots.load("biglide", flexibility="flexible_joints")
