@@ -51,14 +51,6 @@ def test_what_does_not_close_is_named_by_its_place(robot):
     assert caught.value.residual > 0.1
 
 
-def test_a_guess_without_numbers_is_no_answer(robot):
-    x = np.repeat([[0.1, 0.345]], 3, axis=0)
-    guess = np.repeat(robot.q_near[None], 3, axis=0)
-    guess[1] = np.nan
-    with pytest.raises(NotAssembled):
-        close_loops(robot, x, guess)
-
-
 def test_an_empty_stack_closes(robot):
     assert close_loops(robot, np.empty((0, 2)), np.empty((0, robot.model.nq))).q.shape == (0, 4)
 
@@ -117,8 +109,3 @@ def test_closed_means_that_the_error_is_the_square_of_the_last_step(name):
     assert found.closed.all()
     size = robot.platform_scale.max()
     assert np.abs(found.linearised.residual).max() < 10 * NEWTON_STEP**2 * size + 1e-14 * robot.length
-
-
-def test_close_loops_wants_all_of_them(robot):
-    with pytest.raises(NotAssembled, match=r"x, y = \(0.1, 2\)"):
-        close_loops(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4))

@@ -59,12 +59,6 @@ def test_values_and_derivatives_agree_with_fifty_digits(order):
     np.testing.assert_allclose(function(times, order)[:, 0], exact, atol=slack)
 
 
-def test_one_point_alone_has_the_value_it_has_among_many():
-    function, times = fitted(waves), np.linspace(START, END, 200)
-    alone = np.array([function(t) for t in times])
-    np.testing.assert_allclose(function(times), alone, atol=48 * EPS)
-
-
 def test_shapes_follow_the_times():
     function = fitted(waves)
     assert function(START).shape == (1,)

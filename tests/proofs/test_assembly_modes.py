@@ -47,14 +47,6 @@ def test_the_5r_has_two_poses_and_their_places_are_where_two_circles_meet():
         assert found.complete
 
 
-def test_motors_that_no_pose_belongs_to_have_none_and_that_is_proved():
-    found = assembly_modes(
-        robots.load("five_bar"), [np.pi, 0.0]
-    )  # the elbows 0.9 m apart, the rods 0.25 m long
-    assert found.modes == ()
-    assert found.complete
-
-
 @pytest.mark.parametrize(("name", "count"), [("agile_eye", 8), ("spherical_rrr", 8)])
 def test_spherical_robots_have_at_most_eight(name, count):
     """The Agile Eye has eight at its reference: Bonev, Chablat and Wenger, ICRA 2006."""

@@ -78,16 +78,6 @@ def test_g_passes_smoothly_through_zero_where_singular_values_have_a_kink():
     np.testing.assert_array_equal(np.sign(g * np.linalg.det(matrices))[[0, -1]], [1.0, 1.0])
 
 
-def test_a_stack_is_measured_as_its_members_are():
-    stack = np.array([matrix(seed, [1.0, 0.4, 0.1]) for seed in range(5)])
-    border = Border.of(stack[0])
-    together = solve_bordered(stack, border)
-    for k, M in enumerate(stack):
-        alone = solve_bordered(M[None], border)
-        np.testing.assert_allclose(together.g[k], alone.g[0], rtol=1e-12)
-        np.testing.assert_allclose(together.eta[k], alone.eta[0], rtol=1e-9, atol=1e-12)
-
-
 # the measure that figures show
 
 

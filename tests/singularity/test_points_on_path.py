@@ -1,7 +1,5 @@
 """Singular points on a path against the closed-form locus of the planar 5R."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,14 +9,12 @@ from framework import (
     InvalidInput,
     Line,
     OutOfReach,
-    ParallelRobot,
     SingularPath,
     Spline,
     assemble,
     locate_singularities,
     track_path,
 )
-from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
@@ -133,18 +129,6 @@ class AlongTheLocus:
 def test_a_path_along_the_locus_is_told_as_such(robot):
     with pytest.raises(SingularPath, match="runs along a singularity"):
         locate_singularities(robot, AlongTheLocus())
-
-
-@pytest.mark.parametrize(("name", "scene"), [("biglide", "across"), ("delta", "cross"), ("five_bar", "C")])
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_singular_points_do_not_hang_on_what_counts_as_the_length_of_the_robot(name, scene, factor):
-    """A small mechanism on a long robot has a small g all along; its roots are roots all the same."""
-    robot = robots.load(name)
-    path = scene_path(robot.description.scenes[scene])
-    (point,) = locate_singularities(robot, path)
-    (other,) = locate_singularities(ParallelRobot.of(replace(robot, length=factor * robot.length)), path)
-    assert other.s == pytest.approx(point.s, abs=1e-13)
-    np.testing.assert_allclose(other.twist, point.twist, atol=1e-9)
 
 
 class Shaking:

@@ -131,10 +131,14 @@ def _methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tu
         return prepare
 
     def declared(
-        name: str, label: str, run: Callable[[Variant], Outcome], given: str, *source: str
+        name: str,
+        label: str,
+        run: Callable[[Variant], Outcome],
+        given: str,
+        source: str = "",
+        package: str | None = None,
     ) -> Method:
-        """`source`: of a peer's settings, and the package that it needs."""
-        return Method(name, label, prepared(run), given, unit, cells, *source)
+        return Method(name, label, prepared(run), given, unit, cells, source, package)
 
     rk4 = _integrated(integrators.contact_runge_kutta)
     dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)

@@ -14,7 +14,6 @@ from framework import (
     locate_singularities,
     track_path,
 )
-from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
@@ -76,32 +75,6 @@ def step(robot, rng, size: float):
     """A turn of all motors by `size` [rad, robot lengths]."""
     aside = rng.standard_normal(robot.n_a)
     return size * aside / np.linalg.norm(aside) * robot.column_scale[robot.actuated]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_way_leads_there_and_back_and_is_that_of_many_small_steps(name):
-    robot = robots.load(name)
-    start = assemble(robot)
-    q_a, rng = motors_of(robot, start.q), np.random.default_rng(7)
-    arrived = 0
-    for _ in range(6):
-        turn = step(robot, rng, 0.2)
-        try:
-            there = forward_kinematics(robot, q_a + turn)
-        except Type2Singularity:
-            continue
-        arrived += 1
-        allowed = 1e-13 * robot.length / there.clearance**2 + 1e-13
-        np.testing.assert_allclose(
-            forward_kinematics(robot, q_a, near=there.q).q, start.q, rtol=0, atol=allowed
-        )
-        q = start.q
-        for part in range(1, 21):
-            q = forward_kinematics(robot, q_a + turn * part / 20, near=q).q
-        np.testing.assert_allclose(there.q, q, rtol=0, atol=allowed)
-        at = frames_at(robot, there.q[None])
-        assert there.residual == np.abs(loop_equations(robot.rows, at).residual).max() < 1e-13 * robot.length
-    assert arrived or name == "gough_stewart"  # whose legs may all be too short
 
 
 def hold(robot, q):

@@ -71,25 +71,6 @@ def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
     assert off.max() < 0.03
 
 
-@pytest.mark.parametrize("name", SEVERAL)
-def test_there_and_back_is_where_it_began(name):
-    robot = RIGID[name]
-    path = first_path(robot)
-    there = track_path(robot, path)
-
-    class Back:
-        n, knots = path.n, 1.0 - path.knots[::-1]
-
-        def __call__(self, s, order=0):
-            return (-1) ** order * path(1.0 - np.asarray(s, dtype=float), order)
-
-    way = follow_path(robot, Back(), there.close(1.0).q[0])
-    assert way.complete
-    size = 1e-9 * max(robot.length, 1.0)
-    np.testing.assert_allclose(way.last.q[0], there.close(0.0).q[0], rtol=0, atol=size)
-    np.testing.assert_allclose(way.q, there.close(1.0 - way.s).q, rtol=0, atol=size)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
 def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):

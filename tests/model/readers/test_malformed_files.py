@@ -1,15 +1,13 @@
 """A malformed file of any dialect gives one clear error that names the file and what is wrong in it.
 
-The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have;
-torn files, too, must never crash. Mutations by rule: tests/fuzz.
+The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have.
+Our own robot file: test_robot_file. Torn files and mutations by rule: tests/fuzz.
 """
 
-import random
 from pathlib import Path
 
 import pytest
 
-import robots
 from framework import ParallelRobot, RobotFileError
 from framework.model.readers import read_any
 from tests.watchdog import bounded
@@ -25,18 +23,10 @@ GOOD = {
     "loop_joint": DATA / "five_bar_loop_joint.urdf",
     "sites": DATA / "five_bar_sites.xml",
     "anchor": DATA / "five_bar_anchor.xml",
-    "own": robots.CATALOGUE["five_bar"].file,
 }
 
 # (file, what is there, what stands there instead, what the error says)
 CHANGES = [
-    # our own robot file; more of them in test_robot_file
-    ("own", "version: 1", "version: 2", "version: got 2"),
-    ("own", "version: 1", "version: [1]", "version: needs a whole number"),
-    ("own", "urdf: five_bar", "urdf: six_bar", "urdf: cannot read"),
-    ("own", "platform: {frame: left_tip", "platform: {frame: tip", "platform.frame: unknown frame 'tip'"),
-    ("own", "kind: spherical", "kind: ball", "closures[0].kind: unknown closure kind 'ball'"),
-    ("own", "closures:", "closure:", "closures: missing"),
     # Gepetto's YAML
     ("yaml", "closed_loop", "closed_loops", "unknown key 'closed_loops'; did you mean 'closed_loop'"),
     ("yaml", "[['tip_A', 'tip_B']]", "[]", "closed_loop: needs a list with at least one entry"),
@@ -204,9 +194,7 @@ CHANGES = [
     # MJCF, where MuJoCo says what is wrong
     ("sites", "<connect ", "<conect ", "line 33: 'conect': MuJoCo: "),
     ("sites", 'site1="left_tip"', 'site1="tip"', "line 33: 'tip': MuJoCo: unknown element 'tip'"),
-    ("sites", ' site2="right_tip"', "", "line 33: 'connect': MuJoCo: "),
     ("sites", 'site2="right_tip"', 'site2="left_tip"', "is repeated in equality"),
-    ("sites", 'site1="left_tip"', 'site1="left_tip" body1="left_rod"', "line 33: 'connect': MuJoCo: "),
     (
         "sites",
         'name="left_motor" class="driven"',
@@ -220,52 +208,21 @@ CHANGES = [
         "line 16: 'joint': MuJoCo: repeated name 'left_motor'",
     ),
     ("sites", '<joint name="left_elbow"/>', "<freejoint/>", "line 15: 'left_rod': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint type="free"/>', "line 15: 'left_rod': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<freejoint pos="1 0 0"/>', "line 16: 'freejoint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint type="screw"/>', "line 16: 'joint': MuJoCo: "),
     ("sites", '<joint name="left_elbow"/>', '<joint axis="0 0 0"/>', "line 16: MuJoCo: axis"),
-    ("sites", '<joint name="left_elbow"/>', '<joint range="1"/>', "line 16: 'joint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint limited="yes"/>', "line 16: 'joint': MuJoCo: "),
     (
         "sites",
         '<joint name="left_elbow"/>',
         '<joint name="left_elbow" type="ball"/>',
         "<key> 'home' qpos: needs",
     ),
-    ("sites", '<joint name="left_elbow"/>', '<joint axs="0 0 1"/>', "line 16: 'joint': MuJoCo: "),
     ("sites", '<joint name="left_elbow"/>', '<joint stiffness="-1"/>', "stiffness must not be negative"),
     ("sites", "1.271863 ", "", "<key> 'home' qpos: needs 4 numbers"),
     ("sites", 'size="0.008"', 'size="0"', "line 14: MuJoCo: size 0 must be positive"),
-    ("sites", 'size="0.008"', 'sise="0.008"', "line 14: 'geom': MuJoCo: "),
-    ("sites", '<geom type="capsule" mass="0"/>', '<geom type="cube"/>', "line 6: 'geom': MuJoCo: "),
     ("sites", 'mass="10"', 'mass="-10"', "has a mass of -10 kg"),
-    ("sites", ' mass="10"', "", "line 18: 'inertial': MuJoCo: "),
-    (
-        "sites",
-        'name="right_crank"',
-        'name="left_crank"',
-        "line 22: 'body': MuJoCo: repeated name 'left_crank'",
-    ),
-    ("sites", 'name="right_crank"', 'name="world"', "line 22: 'body': MuJoCo: repeated name 'world'"),
-    ("sites", "<worldbody>", "<wordbody/><worldbody>", "line 10: 'wordbody': MuJoCo: "),
     ("sites", "<worldbody>", '<include file="a.xml"/><worldbody>', "line 10: 'include': MuJoCo: "),
-    ("sites", 'angle="radian"', 'angle="turn"', "line 3: 'compiler': MuJoCo: "),
-    ("sites", 'gravity="0 0 -9.81"', 'gravity="-9.81"', "line 4: 'option': MuJoCo: "),
     ("sites", 'angle="radian"', 'angle="radian" autolimits="nan"', "<compiler> autolimits: needs finite"),
-    ("anchor", ' anchor="0.25 0 0"', "", "line 21: 'connect': MuJoCo: "),
     ("anchor", 'body2="right_rod"', 'body2="rod"', "line 21: MuJoCo: unknown element 'rod'"),
-    ("anchor", 'body2="right_rod"', 'body2="left_rod"', "is repeated in equality"),
-    ("anchor", 'body1="left_rod" ', "", "line 21: 'connect': MuJoCo: "),
     ("anchor", "<equality>", '<equality><joint joint1="elbow"/>', "line 20: MuJoCo: unknown element 'elbow'"),
-    (
-        "anchor",
-        "<equality>",
-        '<equality><joint joint1="left_elbow" polycoef="0 1 0 0 0 0"/>',
-        "line 20: 'joint': MuJoCo: ",
-    ),
-    ("anchor", 'euler="0 0 1.27', 'quat="0 0 0 0" euler="0 0 1.27', "line 5: 'body': MuJoCo: "),
-    ("anchor", 'euler="0 0 1.2718628575352207"', 'quat="0 0 0 0"', "line 5: 'body': MuJoCo: "),
-    ("anchor", 'euler="0 0 1.2718628575352207"', 'zaxis="0 1e-300 0"', "line 5: 'left_crank': MuJoCo: "),
     ("anchor", 'euler="0 0 1.2718628575352207"', 'xyaxes="1 0 0 2 0 0"', "line 5: 'left_crank': MuJoCo: "),
     (
         "anchor",
@@ -273,15 +230,11 @@ CHANGES = [
         "",
         "there is no loop in it",
     ),
-    ("anchor", "<connect body1", '<connect active="no" body1', "line 21: 'connect': MuJoCo: "),
 ]
 
 
 def written(tmp_path: Path, name: str, text: str) -> Path:
     """A file of the corpus, with its good other half where it is one of a pair."""
-    if name == "own":
-        urdf = GOOD[name].with_suffix(".urdf")
-        (tmp_path / urdf.name).write_text(urdf.read_text(encoding="utf-8"), encoding="utf-8")
     if name not in ("yaml", "pair"):
         file = tmp_path / GOOD[name].name
         file.write_text(text, encoding="utf-8")
@@ -294,8 +247,6 @@ def written(tmp_path: Path, name: str, text: str) -> Path:
 
 def options(name: str) -> dict[str, object]:
     """Options that leave to the files what they say."""
-    if name == "own":
-        return {}
     return {key: value for key, value in SAID.items() if key != "motors" or name == "plus"}
 
 
@@ -308,10 +259,6 @@ def refused(file: Path, **given: object) -> str:
     assert "\n" not in message
     assert len(message) < 1000
     return message
-
-
-def test_the_corpus_is_large():
-    assert len(CHANGES) >= 60
 
 
 @pytest.mark.parametrize("number", range(len(CHANGES)))
@@ -330,15 +277,9 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
     [
         ("empty.yaml", "", "needs a mapping of keys, got None"),
         ("empty.xml", "", "not well-formed XML"),
-        ("list.yaml", "[1, 2]", "needs a mapping of keys"),
         ("text.yaml", "hello", "needs a mapping of keys, got 'hello'"),
         ("keys.yaml", "colour: red", "unknown dialect: has neither version"),
-        ("numbers.yaml", "1: 2", "unknown dialect"),
         ("date.yaml", "closed_loop: 2024-99-99", "not valid YAML"),
-        ("tag.yaml", "closed_loop: !!python/object:os.system x", "not valid YAML"),
-        ("hash.yaml", "? [a]\n: b", "not valid YAML"),
-        ("deep.yaml", "closed_loop: " + "[" * 1500, "nested too deeply"),
-        ("endless.yaml", "closed_loop: &a [*a]", "more than 20000 values when written out, or endless"),
         ("long.yaml", "closed_loop: [" + "a, " * 200_000 + "]", "characters of YAML; at most"),
         ("lonely.yaml", "closed_loop: [[a, b]]", "lonely.urdf: cannot read it: No such file"),
         ("html.xml", "<html><body/></html>", "unknown dialect: unknown root element 'html'"),
@@ -351,8 +292,6 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
         ),
         ("nothing.urdf", "<robot name='r'/>", "needs exactly one root link, got none"),
         ("nothing.xml", "<mujoco/>", "there is no loop in it"),
-        ("bodies.xml", "<mujoco><worldbody/></mujoco>", "there is no loop in it"),
-        ("cut.xml", "<mujoco><worldbody>", "not well-formed XML"),
         ("entity.xml", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document types and entities are not read"),
         (
             "deep.xml",
@@ -377,19 +316,11 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
             "5001 links or joints; at most 5000",
         ),
         ("loop_closures.yaml", "closures: []", "a list of closures: give the URDF that they are of"),
-        ("null.urdf", "<robot name='r'>\0</robot>", "not well-formed XML"),
     ],
 )
 def test_a_file_written_by_hand_gives_its_error(name, content, expected, tmp_path):
     (tmp_path / name).write_text(content, encoding="utf-8")
     assert expected in refused(tmp_path / name, **SAID)
-
-
-def test_aliases_that_grow_without_bound_are_refused(tmp_path):
-    lines = ["a0: &a0 [x, x]"] + [f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60)]
-    for name, head in (("gepetto.yaml", "closed_loop: *a59"), ("own.yaml", "version: *a59")):
-        (tmp_path / name).write_text("\n".join([*lines, head]))
-        assert "more than 20000 values" in refused(tmp_path / name, **SAID)
 
 
 def test_a_pair_whose_urdf_is_none_is_refused_by_its_root(tmp_path):
@@ -408,33 +339,10 @@ def test_what_is_no_file_is_refused(tmp_path):
     assert "10000001 bytes; at most" in refused(tmp_path / "large.xml")
 
 
-# ------------------------------------------------------------------ by rule
-
-
-def complaint(file: Path, name: str) -> str:
-    """The error of a file, empty where it can be read."""
-    try:
-        read_any(file, **options(name))
-    except RobotFileError as error:
-        return str(error)
-    return ""
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_no_torn_file_crashes(name, tmp_path):
-    text = GOOD[name].read_text(encoding="utf-8")
-    random_ = random.Random(0)
-    for _ in range(60):
-        at, length = random_.randrange(len(text)), random_.choice((1, 2, 10, 10**6))
-        torn = text[:at] + random_.choice(("", "<", '"', ":", "\x00", "]", "\n  - ")) + text[at + length :]
-        assert "\n" not in complaint(written(tmp_path, name, torn), name)
-
-
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
         ("sites", 'site name="left_tip" pos="0.25 0 0"', 'site name="left_tip" pos="a"'),
-        ("sites", 'site1="left_tip"', 'site1="tip"'),
         ("ros", 'type="spherical"', 'type="ball"'),
         ("loop_joint", 'type="spherical"', 'type="planar"'),
     ],
