@@ -108,30 +108,6 @@ def test_on_the_locus_it_is_regular():
     assert found.platform_acceleration[1] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_state_of_a_stack_comes_out_as_it_does_alone_to_the_last_bit(name):
-    """Random states with random torques and loads: alone, among others, and in another order."""
-    robot = robots.load(name)
-    states = [moving(robot, seed) for seed in range(5)]
-    q, v = (np.array([state[k] for state in states]) for k in (0, 1))
-    rng = np.random.default_rng(3)
-    torque, load = rng.uniform(-1, 1, (5, robot.n_a)), rng.uniform(-1, 1, (5, 6))
-    frame = robot.description.platform.frame
-
-    def found(rows):
-        return forward_dynamics(robot, q[rows], v[rows], torque[rows], wrenches={frame: load[rows]})
-
-    stack, turned = found(slice(None)), found([3, 1, 4, 0, 2])
-    for k, place in enumerate((3, 1, 4, 0, 2)):
-        alone = found(place)
-        for one, row in ((stack, place), (turned, k)):
-            for what in ("q", "v", "a", "torque", "joint_torque", "spring_force"):
-                np.testing.assert_array_equal(getattr(one, what)[row], getattr(alone, what), err_msg=what)
-            for what in ("loop_forces", "reactions"):
-                for key, wrench in getattr(alone, what).items():
-                    np.testing.assert_array_equal(getattr(one, what)[key][row], wrench, err_msg=key)
-
-
 def test_a_stack_is_refused_by_the_row_that_cannot_be():
     robot = robots.load("five_bar")
     q, v = np.repeat(assemble(robot).q[None], 3, axis=0), np.zeros((3, 4))

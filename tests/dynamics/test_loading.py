@@ -10,7 +10,7 @@ import robots
 from framework import InvalidInput, NoLaw, assemble, plan_crossing
 from framework.dynamics.loading import LoadReason, loaded_stack
 from framework.dynamics.static_fold import find_static_fold
-from framework.dynamics.stiffness import least_stiffness, platform_stiffness
+from framework.dynamics.stiffness import least_stiffness
 from framework.kinematics.frames import frames_at
 from framework.planning.refusals.refusal_proofs import StaticFold
 from framework.singularity.points_on_path import search_path
@@ -70,24 +70,6 @@ def test_the_5r_gives_way_where_its_energy_does(y, force, snaps):
     assert share - 1.0 / STEPS - 1e-6 <= found.share[0] <= share
     if not snaps:
         assert least_stiffness(robot, found.free)[0] == pytest.approx(softest, rel=1e-4)
-
-
-def test_a_stack_has_the_equilibria_of_each_pose_alone_where_these_have_not_jumped():
-    robot = robots.load("delta", flexibility="flexible_joints")
-    x = robot.reference.x + np.array([[0.0, 0.0, 0.0], [0.2, -0.1, 0.05], [-0.3, 0.1, -0.1]])
-    q = np.array([assemble(robot, place).q for place in x])
-    w = [30.0, -20.0, 10.0]
-    found = loaded_stack(robot, q, wrench=w)
-    assert found.reason.tolist() == [LoadReason.CARRIED, LoadReason.GIVES_WAY, LoadReason.CARRIED]
-    for k in range(len(q)):
-        alone = platform_stiffness(robot, q[k], loaded=True, wrench=w)
-        if k == 1:  # it has snapped through, to a stable place at half a metre
-            assert alone.is_stable
-            assert np.linalg.norm(alone.x - x[k]) > 0.3 * robot.length
-            continue
-        np.testing.assert_allclose(found.q[k], alone.q, rtol=0, atol=1e-8)
-        softest = np.linalg.eigvalsh(alone.stiffness)[0]
-        assert least_stiffness(robot, found.free)[k] == pytest.approx(softest, rel=1e-6)
 
 
 def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried():
@@ -243,13 +225,6 @@ def test_a_fold_is_that_of_all_coordinates(s):
     branch, at = branch_of(100.0), np.array([s])
     expected = fold(branch.robot, branch.path(at)[0], branch.guess(at)[0])
     assert find_static_fold(branch, s) == pytest.approx(expected, rel=2e-3)
-
-
-@pytest.mark.slow
-def test_springs_twice_as_soft_fold_at_half_the_compliance():
-    for s in (0.0, 1.0):
-        folds = [find_static_fold(branch_of(softness), s) for softness in (100.0, 200.0)]
-        assert 2.0 * folds[1] == pytest.approx(folds[0], rel=1e-2)
 
 
 def test_springs_a_little_stiffer_than_at_the_fold_hold_and_softer_ones_do_not():

@@ -8,7 +8,6 @@ import pytest
 
 from framework import CrossingPlan, plan_crossing
 from framework.dynamics.balance_equations import BalanceEquations
-from framework.dynamics.inverse_dynamics import resolve_law
 from framework.dynamics.restoration import deflections_of
 from framework.laws.clock import OnParameter
 from framework.singularity.points_on_path import search_path
@@ -39,15 +38,6 @@ def test_the_motion_begins_and_ends_at_rest(kind, softness):
     allowed = 1e-4 if softness == STIFF else MAX_END_RATE
     for t in (0.0, plan.duration):
         assert np.all(np.abs(plan.dynamics.deflection(t, 1)) <= allowed * quickest)
-
-
-@pytest.mark.parametrize(("kind", "softness"), CASES)
-def test_a_law_alone_has_the_torques_that_were_planned_with_it(kind, softness):
-    plan = planned(kind, softness)
-    searched = search_path(plan.robot, plan.path)
-    again = resolve_law(searched, plan.law, geometry="deformed", tolerance=1e-10, friction="driven")
-    t = np.linspace(0.0, plan.duration, 101)
-    assert np.abs(again.torque(t) - plan.torque(t)).max() <= 1e-7 * np.abs(plan.torque(t)).max()
 
 
 def test_slopes_of_the_balance_are_those_of_central_differences():

@@ -51,12 +51,6 @@ def edited(plan, folder, change):
     return folder
 
 
-@pytest.fixture(scope="module")
-def quickest():
-    """The quickest law with a tenth of the torque left, on the rigid robot."""
-    return plan_crossing(robots.load("five_bar"), LINE, optimize="time", torque_limit=0.165, margin=0.1)
-
-
 @pytest.mark.slow
 def test_an_optimal_law_on_springs_comes_back(tmp_path):
     robot = robots.load("five_bar", flexibility="flexible_joints")
@@ -73,23 +67,6 @@ def test_an_optimal_law_on_springs_comes_back(tmp_path):
     np.testing.assert_allclose(again.deflection(times), plan.deflection(times), atol=1e-12)
 
 
-def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path, quickest):
-    """motion.csv: s from 0 to 1, its derivatives those of its columns, torques within the limit."""
-    plan = quickest
-    plan.to_csv(tmp_path / "motion.csv", 3001)
-    table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
-    assert (table["s"][0], table["s"][-1]) == pytest.approx((0.0, 1.0), abs=1e-12)
-    for value, slope in (("s", "ds"), ("ds", "dds")):
-        gained = np.trapezoid(table[slope], table["time"])
-        jump = 0.5 * table["time"][1] * np.ptp(table[slope])  # the most that one steep step can hide
-        assert gained == pytest.approx(table[value][-1] - table[value][0], abs=jump)
-    expected = LINE(table["s"])
-    np.testing.assert_allclose(table["platform_x"], expected[:, 0], atol=1e-12)
-    np.testing.assert_allclose(table["platform_y"], expected[:, 1], atol=1e-12)
-    for joint in plan.robot.actuator_names:
-        assert np.abs(table[f"torque_{joint}"]).max() <= 0.9 * 0.165
-
-
 @pytest.mark.parametrize(
     "path",
     [
@@ -102,14 +79,6 @@ def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path, quickest):
 )
 def test_each_kind_of_path_comes_back(path):
     assert path_of(path.kind, json.loads(json.dumps(path.points.tolist())), path.blend) == path
-
-
-def test_a_plan_along_a_polyline_comes_back(tmp_path):
-    robot = robots.load("five_bar")
-    path = Polyline([[0.1, 0.345], [0.0, 0.32], [0.0, 0.3]], blend=0.01)
-    plan = plan_crossing(robot, path, duration=1.0)
-    save_plan(plan, tmp_path)
-    assert load_plan(tmp_path).path == path
 
 
 @pytest.mark.parametrize(
