@@ -10,6 +10,7 @@ A plan is judged by the equations of motion in all coordinates (`tests.oracles.e
 
 import tempfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path as Folder
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -73,6 +74,26 @@ class Drawn(NamedTuple):
         )
         description = replace(self.description, springs=springs)
         return ParallelRobot.from_description(description, flexibility=flexibility)
+
+
+class Crossing(NamedTuple):
+    """A robot with a path across its locus and a duration."""
+
+    name: str
+    robot: ParallelRobot
+    path: Path
+    duration: float  # [s]
+
+    def plan_arguments(self) -> tuple[ParallelRobot, Path]:
+        """The first two arguments of `plan_crossing`."""
+        return self.robot, self.path
+
+
+@cache
+def rigid_crossing(k: int) -> Crossing:
+    """The k-th of the random robots without its springs."""
+    one = drawn(k)
+    return Crossing(f"{k} {one.kind}", one.robot(1.0, "rigid"), one.path, one.duration)
 
 
 def drawn(k: int) -> Drawn:

@@ -5,6 +5,7 @@ import pytest
 
 from framework import plan_crossing
 from framework.planning.optimal.peak_bound import bound_plan
+from tests.dynamics.upright_robots import rigid_crossing
 from tests.planning.optimal.law_contradictions import Asked, answer
 from tests.planning.optimal.least_energy import (
     conditions_at,
@@ -12,12 +13,11 @@ from tests.planning.optimal.least_energy import (
     least_energy_lasting,
     torques_along,
 )
-from tests.planning.optimal.random_crossings import random_crossing
 
 
 @pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3, 4))])
 def test_torques_and_condition_8_are_those_of_a_plan(k):
-    one = random_crossing(k)
+    one = rigid_crossing(k)
     plan = plan_crossing(*one.plan_arguments(), law="optimal", duration=one.duration)
     t = np.linspace(0.02, 0.98, 25) * plan.duration
     t = t[np.abs(t - plan.crossings[0].time) > 1e-3 * plan.duration]
@@ -32,9 +32,9 @@ def test_torques_and_condition_8_are_those_of_a_plan(k):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", [2, 15])
+@pytest.mark.parametrize("k", [1, 15])
 def test_the_energy_of_a_required_duration_is_nearly_the_least_though_motors_hold_a_weight(k):
-    one = random_crossing(k)
+    one = rigid_crossing(k)
     duration = 1.5 * one.duration
     least = least_energy_lasting(*one.plan_arguments(), duration)
     assert least > 1.02 * least_energy(*one.plan_arguments(), duration)  # within it a quicker law takes less
@@ -43,10 +43,10 @@ def test_the_energy_of_a_required_duration_is_nearly_the_least_though_motors_hol
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", [0, 2, 3, 15, 20])
+@pytest.mark.parametrize("k", [0, 1, 2, 4, 5])
 def test_laws_of_random_robots_are_nearly_the_best(k):
     """Near the estimated energy, no more, as its accelerations may jump; near the bounds of peak and time."""
-    one = random_crossing(k)
+    one = rigid_crossing(k)
     plans = {
         goal: answer(*one.plan_arguments(), Asked(goal, longest=one.duration))
         for goal in ("peak_torque", "energy")
