@@ -20,7 +20,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("file", "options"), CASES)
+@pytest.mark.parametrize(
+    ("file", "options"), [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])]
+)
 def test_a_foreign_file_is_checked_converted_and_located(crossing, file, options, tmp_path):
     code, out, _ = crossing("check", str(DATA / file), *options, "--json")
     assert (code, json.loads(out)["mobility"]) == (0, 2)

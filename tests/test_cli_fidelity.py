@@ -87,7 +87,11 @@ def test_auto_plans_with_what_the_scene_keeps(document, crossing):
 
 
 @pytest.mark.parametrize(
-    "motion", ["--scene C --duration 2 --times 1.3 --speeds 1", "--from 0.1 0.345 --to 0 0.3 --duration 1"]
+    "motion",
+    [
+        "--scene C --duration 2 --times 1.3 --speeds 1",
+        pytest.param("--from 0.1 0.345 --to 0 0.3 --duration 1", marks=pytest.mark.slow),
+    ],
 )
 def test_auto_predicts_what_no_scene_keeps(document, crossing, motion):
     told = ["plan", "five_bar", *motion.split(), "--flexibility", "auto"]

@@ -56,7 +56,7 @@ def test_the_deformed_robot_with_flexible_links_stays_on_the_path(name):
         ("five_bar", "flexible_links", "B", 1e-2),
         pytest.param("five_bar", "flexible_links", "C-printed", 5e-5, marks=pytest.mark.slow),
         pytest.param("five_bar", "rigid", "B", 5e-3, marks=pytest.mark.slow),
-        ("five_bar_heavy", "rigid", "B", 5e-3),
+        pytest.param("five_bar_heavy", "rigid", "B", 5e-3, marks=pytest.mark.slow),
     ],
 )
 def test_motors_that_suffice_for_the_right_law_fail_under_a_wrong_one(name, flexibility, scene, leaves):

@@ -127,7 +127,9 @@ def difference(description, model):
     return np.abs(needed - plan.torque(times)).max() / np.abs(needed).max()
 
 
-@pytest.mark.parametrize("damped", [True, False], ids=["damped", "undamped"])
+@pytest.mark.parametrize(
+    "damped", [pytest.param(True, id="damped"), pytest.param(False, id="undamped", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
 def test_torques_of_a_converted_file_are_those_of_mujoco(file, damped):
     assert greatest_difference(file, damped=damped) < 1e-4

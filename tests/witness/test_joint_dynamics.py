@@ -74,6 +74,7 @@ def test_torques_are_those_of_mujoco_s_inverse_dynamics(name, scene):
         assert power_left(robot, plan, t) < 1e-7
 
 
+@pytest.mark.slow
 def test_torques_of_an_optimal_crossing_with_damping_and_armature_are_those_of_mujoco():
     description = robots.load("five_bar_heavy").description
     robot = ParallelRobot.from_description(replace(description, joints=acting(description, 3)))
