@@ -26,7 +26,7 @@ from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file
-from framework.planning.scenes import scene_path, scene_request
+from framework.planning.scenes import scene_request
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
 
@@ -235,16 +235,6 @@ def test_a_kept_level_plans_what_was_judged(name):
     # levels below rigid are planned with all bodies; those of the 5R's legs have no mass
     comparison = level(crossing_study(), "rigid" if name == "kinematics" else name)
     np.testing.assert_allclose(plan.torque(t), comparison.motion.torque(t), rtol=0, atol=1e-10)
-
-
-@pytest.mark.slow
-def test_the_path_of_a_scene_is_judged_like_the_scene():
-    robot = robots.load("five_bar")
-    scene = robot.description.scenes["A"]
-    one = fidelity_study(robot, "A")
-    other = fidelity_study(robot, scene_path(scene), duration=scene.duration)
-    np.testing.assert_array_equal([j.torque for j in one.levels], [j.torque for j in other.levels])
-    assert one.length == pytest.approx(np.hypot(0.15, 0.05), rel=1e-12)
 
 
 def with_friction(size: float) -> ParallelRobot:
