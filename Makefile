@@ -23,7 +23,7 @@ DEMO := crossing_C
 PROCESSES := tests/numerics/test_interruption.py tests/numerics/test_workers.py
 SOME_TESTS := $(filter-out $(PROCESSES), $(wildcard tests/numerics/test_*.py)) tests/laws \
   tests/singularity/test_traced_locus.py tests/robots/test_every_robot.py tests/show/test_plots.py \
-  tests/planning/test_motor_without_limit.py tests/test_cli_pose.py tests/test_cli_simulate.py
+  tests/planning/test_durations.py tests/test_cli_pose.py tests/test_cli_simulate.py
 # the API reference: the package and the modules that its docstring names
 API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 

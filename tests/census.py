@@ -6,8 +6,6 @@ first line of a docstring is one to look at where it has a pronoun or more than 
 to look at, no verdicts.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import re

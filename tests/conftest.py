@@ -1,7 +1,6 @@
 """What tests of several folders share."""
 
-from __future__ import annotations
-
+import json
 from collections.abc import Callable
 from copy import deepcopy
 from functools import cache, wraps
@@ -13,6 +12,7 @@ import yaml
 
 import robots
 from framework import ParallelRobot, load_robot
+from framework.cli import main
 
 
 @cache
@@ -86,3 +86,48 @@ def write_robot(tmp_path) -> Callable[..., Path]:
         return file
 
     return write
+
+
+@pytest.fixture
+def crossing(capfd):
+    """Runs one command: exit code, stdout, stderr, down to what libraries in C++ print."""
+
+    def run(*arguments) -> tuple[int, str, str]:
+        code = main([str(argument) for argument in arguments])
+        return code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def document(crossing):
+    """Runs one command with --json: its one object, and nothing else anywhere."""
+
+    def run(*arguments) -> dict:
+        code, out, err = crossing(*arguments, "--json")
+        assert (code, err) == (0, "")
+        assert out.count("\n") == 1
+        return json.loads(out)
+
+    return run
+
+
+@pytest.fixture
+def refusal(crossing):
+    """Runs one command that is refused with this code: its one line of complaint."""
+
+    def run(expected, *arguments) -> str:
+        code, out, err = crossing(*arguments)
+        if "--json" in arguments:
+            told = json.loads(out)["error"]
+            assert f"crossing: {told['message']}\n" == err
+        else:
+            assert out == ""
+        assert code == expected
+        assert err.startswith("crossing: ")
+        assert err.count("\n") == 1
+        assert err.endswith("\n")
+        assert "Traceback" not in err
+        return err
+
+    return run

@@ -1,7 +1,5 @@
 """Maps that other processes compute, and what they leave on disk."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

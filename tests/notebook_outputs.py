@@ -8,8 +8,6 @@ such number. A cell tagged `times` prints how long something took: its numbers a
 `rounding` shows what rounding, or programs that need not be here, make of a task: nothing of it is.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """The framework does not grow unawares."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.census import COUNTS, PLANNING, TABLE, count, is_unclear, read_table, take_census

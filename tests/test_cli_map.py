@@ -1,7 +1,5 @@
 """`crossing map`: what it tells and writes, and maps that are killed and begun again."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time
@@ -20,17 +18,8 @@ from framework.cli import main
 from tests.maps_in_processes import FILES, begun, files, kept
 
 
-def mapped(capsys, *arguments):
-    code = main(["map", *map(str, arguments), "--json"])
-    out, err = capsys.readouterr()
-    return code, json.loads(out), err
-
-
-def test_a_map_is_told_and_written(tmp_path, capsys):
-    code, told, _ = mapped(
-        capsys, "five_bar", "--scene", "C", "--size", 12, "--quantity", "g", "--out", tmp_path
-    )
-    assert code == 0
+def test_a_map_is_told_and_written(document, tmp_path):
+    told = document("map", "five_bar", "--scene", "C", "--size", 12, "--quantity", "g", "--out", tmp_path)
     assert sum(told["poses"].values()) == 144
     assert set(told["quantities"]) == {"g"}
     assert len(told["robot_hash"]) == 64
@@ -47,27 +36,25 @@ def test_a_map_is_told_and_written(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
-    code, told, _ = mapped(
-        capsys, "three_rpr", "--over", "x", "rz", "--at", 0, 0.1, 0.2, "--size", 6, "--quantity", "g"
+def test_a_map_of_a_slice_holds_the_other_coordinates(document):
+    told = document(
+        "map", "three_rpr", "--over", "x", "rz", "--at", 0, 0.1, 0.2, "--size", 6, "--quantity", "g"
     )
-    assert code == 0
     assert told["axes"] == ["x", "rz"]
     assert told["held"] == {"y": 0.1}
 
 
 @pytest.mark.slow
-def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
-    code, told, _ = mapped(capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3)
-    assert code == 0
+def test_the_margin_of_a_pose_is_told_with_its_status(document):
+    told = document("map", "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3)
     found = told["nearest_singular_pose"]
     assert found["distance"] == pytest.approx(0.3 - np.sqrt(0.06), rel=1e-9)  # straight below, on the locus
     assert 0.99 < found["at_least"] / found["distance"] <= 1
     assert "at most 0.05505" in found["status"]
-    mapped_within = mapped(
-        capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3, "--within", 0.03
+    within = document(
+        "map", "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3, "--within", 0.03
     )
-    assert mapped_within[1]["nearest_singular_pose"]["at_least"] == pytest.approx(0.03)
+    assert within["nearest_singular_pose"]["at_least"] == pytest.approx(0.03)
 
 
 def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
@@ -103,14 +90,11 @@ def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
         ),
     ],
 )
-def test_misuse_is_told_in_one_line(arguments, complaint, capsys):
-    code, told, err = mapped(capsys, *arguments)
-    assert code == 2
-    assert complaint in told["error"]["message"]
-    assert err.count("\n") == 1
+def test_misuse_is_told_in_one_line(refusal, arguments, complaint):
+    assert complaint in refusal(2, "map", *arguments)
 
 
-def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, monkeypatch):
+def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(crossing, tmp_path, monkeypatch):
     module, count = sys.modules[workspace_map.__module__], []
     filled = module.fill_band
 
@@ -120,13 +104,13 @@ def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, m
         count.append(given[3].name)
         return filled(*given)
 
-    command = ("five_bar", "--size", 24, "--quantity", "g", "--out", tmp_path)
+    command = ("map", "five_bar", "--size", 24, "--quantity", "g", "--out", tmp_path)
     monkeypatch.setattr(module, "fill_band", stopped)
-    code, told, _ = mapped(capsys, *command)
+    code, _, err = crossing(*command)
     assert code == 130
-    assert "2 bands are kept" in told["error"]["message"]
+    assert "2 bands are kept" in err
     monkeypatch.setattr(module, "fill_band", lambda *given: count.append(given[3].name) or filled(*given))
-    assert mapped(capsys, *command)[0] == 0
+    assert crossing(*command)[0] == 0
     assert len(count) == len(set(count)) == 3
     assert not kept(tmp_path)
 

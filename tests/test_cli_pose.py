@@ -1,8 +1,6 @@
 """`crossing pose`: from the platform to the motors and back, and what it says of limits and misuse."""
 
-from __future__ import annotations
-
-import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,19 +13,19 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 ROUND = ["five_bar", "delta", "gough_stewart", "three_rrr", "agile_eye", "orthoglide"]
 
 
-def posed(capsys, *arguments):
-    assert main(["pose", *map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+@pytest.fixture
+def posed(document):
+    return partial(document, "pose")
 
 
 @pytest.mark.parametrize("name", ROUND)
-def test_the_motors_of_a_pose_give_it_back(name, capsys):
+def test_the_motors_of_a_pose_give_it_back(posed, name):
     robot = robots.load(name)
     assert motors_are_free(robot)
     x = assemble(robot).x + 0.02 * robot.length * np.resize([1.0, -0.5, 0.7], robot.n)
-    there = posed(capsys, name, "--platform", *x)
+    there = posed(name, "--platform", *x)
     np.testing.assert_allclose(list(there["platform"].values()), x, rtol=0, atol=1e-12)
-    back = posed(capsys, name, "--motors", *there["motor_joints"].values())
+    back = posed(name, "--motors", *there["motor_joints"].values())
     for part in ("joints", "platform", "motor_angles"):
         expected = list(there[part].values())
         np.testing.assert_allclose(list(back[part].values()), expected, rtol=1e-9, atol=1e-9)
@@ -54,28 +52,29 @@ def test_a_platform_out_of_reach_has_no_working_mode(capsys):
     assert "out of reach" in err
 
 
-def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
-    there = posed(capsys, "five_bar", "--platform", 0.0, 0.3)
+def test_motor_angles_are_gear_ratio_times_the_joint(posed):
+    there = posed("five_bar", "--platform", 0.0, 0.3)
     for joint, angle in there["motor_joints"].items():
         assert there["motor_angles"][joint] == pytest.approx(50 * angle, rel=1e-15)
         assert there["joints"][joint] == angle
 
 
-def test_a_pose_says_what_it_is_singular_for(capsys):
-    found = posed(capsys, "five_bar", "--platform", 0, np.sqrt(0.06))["singularity"]
+def test_a_pose_says_what_it_is_singular_for(posed, crossing):
+    found = posed("five_bar", "--platform", 0, np.sqrt(0.06))["singularity"]
     assert (found["regular"], found["kinds"], found["torque_norm"]) == (False, ["type_2"], None)
-    assert main(["pose", "five_bar", "--platform", "0", str(np.sqrt(0.06))]) == 0
-    assert "Type 2 singularity\n  t_s               x 0, y " in capsys.readouterr().out
-    assert posed(capsys, "agile_eye", "--platform", 0, 0, 0)["singularity"]["regular"]
+    assert (
+        "Type 2 singularity\n  t_s               x 0, y "
+        in crossing("pose", "five_bar", "--platform", "0", str(np.sqrt(0.06)))[1]
+    )
+    assert posed("agile_eye", "--platform", 0, 0, 0)["singularity"]["regular"]
 
 
-def test_limits_that_a_pose_leaves_are_named(capsys):
-    assert main(["pose", "five_bar", "--motors", "1.3", "1.2"]) == 0
-    assert "limits" not in capsys.readouterr().out
+def test_limits_that_a_pose_leaves_are_named(crossing):
+    assert "limits" not in crossing("pose", "five_bar", "--motors", "1.3", "1.2")[1]
     limits = robots.load("gough_stewart").limits
     legs = [limit.upper + 0.01 for limit in limits if limit.joint.endswith("motor")]
-    assert main(["pose", "gough_stewart", "--motors", *map(str, legs)]) == 0
-    assert capsys.readouterr().out.count("exceeds its limits: position") == 6
+    text = crossing("pose", "gough_stewart", "--motors", *legs)[1]
+    assert text.count("exceeds its limits: position") == 6
 
 
 @pytest.mark.parametrize(
@@ -90,41 +89,38 @@ def test_limits_that_a_pose_leaves_are_named(capsys):
         (("--motors", "1.2", "1.9", "--all", "--torque-limit", "1"), 2, "--all: lists poses alone"),
     ],
 )
-def test_what_cannot_be_is_one_line(arguments, code, words, capsys):
-    assert main(["pose", "five_bar", *arguments]) == code
-    told = capsys.readouterr()
-    assert words in told.err
-    assert told.err.count("\n") == 1
-    assert told.out == ""
+def test_what_cannot_be_is_one_line(refusal, arguments, code, words):
+    assert words in refusal(code, "pose", "five_bar", *arguments)
 
 
-def test_all_poses_of_the_motors_and_all_ways_to_a_platform(capsys):
-    found = posed(capsys, "three_rpr", "--motors", 0.749, 0.769, 0.6, "--all")["assembly_modes"]
+def test_all_poses_of_the_motors_and_all_ways_to_a_platform(posed, crossing):
+    found = posed("three_rpr", "--motors", 0.749, 0.769, 0.6, "--all")["assembly_modes"]
     assert (len(found["modes"]), found["complete"], found["bound"]) == (6, True, 6)
     assert all(mode["proved"] and mode["singularity"]["regular"] for mode in found["modes"])
-    ways = posed(capsys, "five_bar", "--platform", 0.1, 0.345, "--all")["working_modes"]
+    ways = posed("five_bar", "--platform", 0.1, 0.345, "--all")["working_modes"]
     assert (len(ways["modes"]), ways["solutions"], ways["complete"]) == (4, [2, 2], True)
-    assert main(["pose", "three_rpr", "--motors", "0.749", "0.769", "0.6", "--all"]) == 0
-    assert "6 real of at most 6, each proved to exist" in capsys.readouterr().out
+    assert (
+        "6 real of at most 6, each proved to exist"
+        in crossing("pose", "three_rpr", "--motors", "0.749", "0.769", "0.6", "--all")[1]
+    )
 
 
-def test_a_pose_says_what_the_limits_of_the_motors_leave_to_its_joints(capsys):
-    limits = posed(capsys, "humanoid_ankle", "--platform", 0.1, -0.1)["limits"]
+def test_a_pose_says_what_the_limits_of_the_motors_leave_to_its_joints(posed, crossing):
+    limits = posed("humanoid_ankle", "--platform", 0.1, -0.1)["limits"]
     assert limits.keys() == {"wrench", "speed"}
     normals, offsets = (np.array(limits["wrench"][key]) for key in ("normals", "offsets"))
     for k, (low, high) in enumerate(limits["wrench"]["alone"]):
         for value in (low, high):
             assert np.max(normals @ (value * np.eye(2)[k]) - offsets) == pytest.approx(0.0, abs=1e-9)
-    assert main(["pose", "humanoid_ankle", "--platform", "0.1", "-0.1"]) == 0
-    said = capsys.readouterr().out
+    said = crossing("pose", "humanoid_ankle", "--platform", "0.1", "-0.1")[1]
     assert f"ankle_pitch {limits['wrench']['alone'][0][0]:.4g} .. " in said
     assert "rigid, without contact, the weight held" in said
 
 
-def test_limits_of_motors_may_be_said_beside_the_robot(capsys):
-    assert posed(capsys, "five_bar", "--platform", 0, 0.3)["limits"] == {}
-    limits = posed(capsys, "five_bar", "--platform", 0, 0.3, "--torque-limit", 0.2, "--speed-limit", 50, 60)
-    twice = posed(capsys, "five_bar", "--platform", 0, 0.3, "--torque-limit", 0.4)["limits"]
+def test_limits_of_motors_may_be_said_beside_the_robot(posed):
+    assert posed("five_bar", "--platform", 0, 0.3)["limits"] == {}
+    limits = posed("five_bar", "--platform", 0, 0.3, "--torque-limit", 0.2, "--speed-limit", 50, 60)
+    twice = posed("five_bar", "--platform", 0, 0.3, "--torque-limit", 0.4)["limits"]
     np.testing.assert_allclose(twice["wrench"]["alone"], 2 * np.array(limits["limits"]["wrench"]["alone"]))
     assert limits["limits"].keys() == {"wrench", "speed"}
     assert main(["pose", "five_bar", "--platform", "0", "0.3", "--torque-limit", "1", "2", "3"]) == 2

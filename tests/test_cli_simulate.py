@@ -1,18 +1,11 @@
 """`crossing simulate` on scenes and on folders of plans."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from framework.cli import main
-
-
-def document(capsys, *arguments: str) -> dict:
-    assert main([*arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(scope="module")
@@ -25,17 +18,16 @@ def folder(tmp_path_factory) -> str:
     return place
 
 
-def test_a_scene_comes_back_on_its_path(capsys):
-    found = document(capsys, "simulate", "five_bar", "--scene", "C")
+def test_a_scene_comes_back_on_its_path(document):
+    found = document("simulate", "five_bar", "--scene", "C")
     assert found["method"] == "reference"
     assert found["tracking_error"] < 1e-11
     assert found["energy_error"] < 1e-10
 
 
-def test_a_folder_is_read_and_the_run_is_written(capsys, folder, tmp_path):
+def test_a_folder_is_read_and_the_run_is_written(crossing, folder, tmp_path):
     out = tmp_path / "run"
-    assert main(["simulate", folder, "--method", "stiff", "--out", str(out)]) == 0
-    text = capsys.readouterr().out
+    text = crossing("simulate", folder, "--method", "stiff", "--out", out)[1]
     assert "flexible_links" in text
     assert "tracking error" in text
     assert json.loads((out / "simulation.json").read_text())["tracking_error"] < 1e-7
@@ -57,14 +49,9 @@ def test_a_folder_is_read_and_the_run_is_written(capsys, folder, tmp_path):
         (["five_bar", "--scene", "C", "--damping", "5"], 1, "do not bring the robot along its path"),
     ],
 )
-def test_a_no_and_a_misuse_in_one_line(capsys, arguments, code, message):
-    assert main(["simulate", *arguments]) == code
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.err.count("\n") == 1
-    assert said.out == ""
+def test_a_no_and_a_misuse_in_one_line(refusal, arguments, code, message):
+    assert message in refusal(code, "simulate", *arguments)
 
 
-def test_a_folder_has_its_own_motion(capsys, folder):
-    assert main(["simulate", folder, "--scene", "C"]) == 2
-    assert "--scene: the plan in" in capsys.readouterr().err
+def test_a_folder_has_its_own_motion(refusal, folder):
+    assert "--scene: the plan in" in refusal(2, "simulate", folder, "--scene", "C")

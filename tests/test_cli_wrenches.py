@@ -1,49 +1,38 @@
 """Wrenches on the command line: --wrench along the platform's axes, --wrench-on a frame."""
 
-from __future__ import annotations
-
 import html
-import json
 
 import numpy as np
 import pytest
 
 import robots
 from framework import assemble, dynamics_at, plan_scene
-from framework.cli import main
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.show.report import given_options, report_page
 
 
-def answer(capsys, *words):
-    """What a command says with --json."""
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.slow
-def test_plan_and_locate_count_the_wrench_that_is_typed(capsys):
+def test_plan_and_locate_count_the_wrench_that_is_typed(document):
     robot = robots.load("five_bar")
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [3.0, -4.0, 0, 0, 0, 0]})
     for typed in (["--wrench", "3", "-4"], ["--wrench-on", "left_tip", "3", "-4", "0", "0", "0", "0"]):
-        document = answer(capsys, "plan", "five_bar", "--scene", "C", "--law", "optimal", *typed)
-        assert document["peak_torque"] == pytest.approx(plan.peak_torque, rel=1e-9)
-        assert document["request"]["wrenches"] == plan.request.wrenches
-        place = answer(capsys, "locate", "five_bar", "--scene", "C", *typed)["singularities"][0]
+        told = document("plan", "five_bar", "--scene", "C", "--law", "optimal", *typed)
+        assert told["peak_torque"] == pytest.approx(plan.peak_torque, rel=1e-9)
+        assert told["request"]["wrenches"] == plan.request.wrenches
+        place = document("locate", "five_bar", "--scene", "C", *typed)["singularities"][0]
         assert place["condition"]["gamma"] == pytest.approx(plan.crossings[0].condition.gamma, rel=1e-9)
 
 
 @pytest.mark.slow
-def test_a_folder_is_simulated_under_its_own_wrench_and_takes_no_other(capsys, tmp_path):
+def test_a_folder_is_simulated_under_its_own_wrench_and_takes_no_other(refusal, document, tmp_path):
     words = ["plan", "five_bar", "--scene", "C", "--law", "optimal", "--wrench", "3", "-4"]
-    answer(capsys, *words, "--out", str(tmp_path / "out"))
-    run = answer(capsys, "simulate", str(tmp_path / "out"))
+    document(*words, "--out", str(tmp_path / "out"))
+    run = document("simulate", str(tmp_path / "out"))
     assert run["tracking_error"] < 1e-9
-    assert main(["simulate", str(tmp_path / "out"), "--wrench", "1", "1"]) == 2
-    assert "--wrench: the plan in" in capsys.readouterr().err
+    assert "--wrench: the plan in" in refusal(2, "simulate", tmp_path / "out", "--wrench", "1", "1")
 
 
-def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
+def test_pose_tells_torques_loops_and_reactions_of_an_instant(document, crossing):
     robot = robots.load("five_bar")
     instant = dynamics_at(
         robot,
@@ -54,7 +43,7 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
     )
     words = ["pose", "five_bar", "--platform", "0.05", "0.3", "--velocity", "0.1", "0.2"]
     words += ["--acceleration", "1", "2", "--wrench", "3", "4"]
-    loads = answer(capsys, *words)["dynamics"]
+    loads = document(*words)["dynamics"]
     torques = dict(zip(robot.actuator_names, instant.torque, strict=True))
     assert loads["torque"] == pytest.approx(torques, rel=1e-12)
     np.testing.assert_allclose(
@@ -62,10 +51,9 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
     )
     assert set(loads["reactions"]) == set(instant.reactions)
     assert loads["indeterminate"] == list(instant.indeterminate)
-    assert main(words) == 0
-    text = capsys.readouterr().out
+    text = crossing(*words)[1]
     assert f"motor torque      left_motor {torques['left_motor']:.9g} N m" in text
-    assert "dynamics" not in answer(capsys, "pose", "five_bar", "--platform", "0.05", "0.3")
+    assert "dynamics" not in document("pose", "five_bar", "--platform", "0.05", "0.3")
 
 
 @pytest.mark.parametrize(
@@ -88,11 +76,8 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
         (["pose", "five_bar", "--platform", "0", "0.3", "--velocity", "1"], "must be 2 finite numbers"),
     ],
 )
-def test_what_is_no_wrench_or_has_no_place_is_refused(capsys, words, complaint):
-    assert main(words) == 2
-    error = capsys.readouterr().err
-    assert complaint in error
-    assert error.count("\n") == 1
+def test_what_is_no_wrench_or_has_no_place_is_refused(refusal, words, complaint):
+    assert complaint in refusal(2, *words)
 
 
 def test_the_call_that_makes_a_plan_again_has_its_wrenches():

@@ -1,7 +1,5 @@
 """Guides lead to files that exist, one or two for each question, and their commands run."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The help of every command: in groups, a unit for each number, examples that run."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import shlex

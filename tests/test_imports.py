@@ -4,8 +4,6 @@ tolerances <- errors <- numerics <- laws <- model <- kinematics <- singularity |
 dynamics <- planning <- fidelity | atlas | identification | control | files <- show, cli <- robots <- tests
 """
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from graphlib import TopologicalSorter

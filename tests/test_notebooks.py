@@ -1,7 +1,5 @@
 """Notebooks as they are stored: every picture has a description, and nothing needs a script to be seen."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

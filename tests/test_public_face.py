@@ -1,7 +1,5 @@
 """The public face: few names, objects that nobody can change behind their proof, misuse answered in words."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import dataclasses
@@ -233,12 +231,6 @@ def test_what_was_searched_belongs_to_what_is_planned() -> None:
     other = search_path(robots.load("five_bar_heavy"), PATH)
     with pytest.raises(InvalidInput, match="branch, searched: of ParallelRobot\\('five_bar_heavy'"):
         plan_request(ROBOT, Request.of(ROBOT, PATH, duration=1.5), searched=other)
-
-
-def test_equal_paths_have_equal_hashes() -> None:
-    one, two = Line([0.0, 0.3], [0.1, 0.2]), Line([-0.0, 0.3], [0.1, 0.2])
-    assert one == two
-    assert hash(one) == hash(two)
 
 
 EVERY_COMMAND_HAS = {"add", "run"}  # `framework.cli` calls them

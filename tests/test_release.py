@@ -1,7 +1,5 @@
 """One version everywhere, and a changelog that a user reads."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

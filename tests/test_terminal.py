@@ -1,7 +1,5 @@
 """What a person sees in a terminal: lines that fit, colours where it has them, a word while work lasts."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

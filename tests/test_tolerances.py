@@ -1,7 +1,5 @@
 """The table of tolerances holds each number once, with its reason."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Work is bounded, waiting for a turn is not, and what hangs is ended."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

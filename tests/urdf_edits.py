@@ -1,7 +1,5 @@
 """Edits of a URDF in its text, as tests want to read it."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bounds on what a call may take that hold on a loaded machine, too."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Iterator

@@ -1,10 +1,7 @@
 """Studies of dimensions: areas by the geometry of the 5R, and the same files whatever computes them."""
 
-from __future__ import annotations
-
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from framework.atlas.design_study import (
     map_designs,
     read_designs,
     study_setup,
-    write_study,
 )
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
@@ -55,23 +51,6 @@ def test_the_area_is_that_of_both_legs_reach(given, found):
     assert (free < found.columns["area"][:2]).all()
     assert found.units["area"] == "m^2"
     assert found.units["torque_median"] == "N m/N"
-
-
-@pytest.mark.slow
-def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, tmp_path):
-    task, designs = given
-    kept = KeptChunks.of(tmp_path, study_setup(task, designs))
-    kept.keep("0000000-0000004", map_designs(task, designs.values[:4]))
-    calls = []
-    with ThreadPoolExecutor(2) as pool:
-        again = design_study(task, designs, executor=pool, keeper=kept, progress=calls.append)
-    assert calls == [4, 6]
-    folders = [tmp_path / "one", tmp_path / "two"]
-    for folder, study in zip(folders, (found, again), strict=True):
-        folder.mkdir()
-        write_study(study, folder)
-    for name in ("study.json", "study.npz", "study.csv"):
-        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
 
 
 @pytest.mark.parametrize("wrong", ["columns", "designs"])

@@ -1,7 +1,5 @@
 """The nearest singular pose: for the 5R the nearest point of the curve on which its rods are in line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

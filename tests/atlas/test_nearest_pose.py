@@ -3,8 +3,6 @@
 A pose is within reach where the legs' closed forms have a solution, within the ranges of the motors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """Changes of assembly mode around the cusps of a published 3-RPR."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,9 +1,6 @@
 """Maps: held pose by pose against the geometry of the 5R, and the same whatever computes them."""
 
-from __future__ import annotations
-
 import csv
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -15,13 +12,11 @@ from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.survey import Window, map_axes, map_point, survey_window
-from framework.atlas.sweep import PoseReason, step_poses
+from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.modes import mode_signs
 from framework.numerics.kept import KeptChunks
 from framework.show.map import NOT_TRACED, map_page, plot_map
 from framework.singularity.traced_locus import TracedLocus
@@ -199,77 +194,12 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     assert "one motor for each freedom" in map_page(found)
 
 
-@pytest.mark.parametrize(
-    "name", ["three_rrr", pytest.param("gough_stewart", marks=pytest.mark.slow), "agile_eye"]
-)
-def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
-    robot = robots.load(name)
-    found = workspace_map(robot, survey_window(robot, size=9), ["g"])
-    near = np.abs(found.window.points() - robot.reference.x).max(axis=2)
-    places = [tuple(map(int, at)) for at in np.argwhere(found.reached & (near < 0.3 * near.max()))[::3]]
-    assert places
-    for i, j in places:
-        x = found.window.points()[i, j]
-        one, two = (linearised_at(robot, q[None], x[None]) for q in (found.q[i, j], assemble(robot, x).q))
-        np.testing.assert_allclose(one.frames.position, two.frames.position, rtol=0, atol=1e-8 * robot.length)
-        assert mode_signs(robot, one)[1] == mode_signs(robot, two)[1] == found.assembly[i, j]
-
-
 def test_no_step_goes_through_a_folded_leg():
     """Straight across the motor's place, where the leg has no length and may come out on either side."""
     robot = robots.load("five_bar")
     start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
     step = step_poses(robot, assemble(robot, start[0]).q[None], start, end)
     assert step.reason[0] in (PoseReason.OPEN, PoseReason.OTHER_MODE)
-
-
-def test_a_map_does_not_depend_on_the_executor(tmp_path):
-    robot = robots.load("five_bar", flexibility="flexible_joints")
-    files = []
-    for pool in (None, ThreadPoolExecutor(2)):
-        found = workspace_map(robot, window(robot, 20), executor=pool)
-        folder = tmp_path / str(pool is None)
-        folder.mkdir()
-        files.append([file.read_bytes() for file in write_map(found, folder)])
-    assert files[0] == files[1]
-
-
-class Stopped(KeyboardInterrupt):
-    pass
-
-
-def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeypatch):
-    robot = robots.load("five_bar")
-    at, quantities = window(robot, 40), choose_quantities(robot, None)
-    kept = KeptChunks.of(tmp_path, setup_document(robot, at, quantities))
-    computed = []
-    module = "framework.atlas.workspace_map"
-    filled = workspace_map.__globals__["fill_band"]
-
-    def counted(robot, window, quantities, band):
-        if len(computed) == 2:
-            raise Stopped
-        computed.append(band.name)
-        return filled(robot, window, quantities, band)
-
-    monkeypatch.setattr(f"{module}.fill_band", counted)
-    with pytest.raises(Stopped):
-        workspace_map(robot, at, keeper=kept)
-    assert sorted(kept.read()) == computed
-    first = list(computed)
-    monkeypatch.setattr(
-        f"{module}.fill_band", lambda *given: computed.append(given[3].name) or filled(*given)
-    )
-    done = []
-    resumed = workspace_map(robot, at, keeper=kept, progress=done.append)
-    assert sorted(computed) == sorted(set(computed))
-    assert len(computed) == 5 > len(first)
-    assert done[0] == 16 * 40
-    assert done[-1] == 1600
-    fresh = workspace_map(robot, at)
-    for key, values in fresh.values.items():
-        np.testing.assert_array_equal(resumed.values[key], values)
-    np.testing.assert_array_equal(resumed.q, fresh.q)
 
 
 def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
@@ -326,3 +256,44 @@ def test_a_robot_of_one_freedom_has_no_map():
         map_axes(robots.load("five_bar"), ("x", "x"))
     with pytest.raises(InvalidInput, match="at"):
         map_point(robots.load("five_bar"), [1.0])
+
+
+# poses that are neighbours on a map are neighbours of one branch, whichever way each was reached
+
+
+CATALOGUE = (
+    *("delta", "gough_stewart", "three_rrr", "three_rpr", "agile_eye", "par4", "orthoglide", "three_upu"),
+    *("biglide", "spherical_rrr", "five_bar_heavy", "two_arms", "standing_quadruped"),
+)
+
+
+def pairs(found):
+    """Steps between all neighbours that are both reached: where they should lead, and where they do."""
+    robot, x, q, reached = found.robot, found.window.points(), found.q, found.reached
+    for one, other in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
+        both = reached[one] & reached[other]
+        yield q[other][both], step_poses(robot, q[one][both], x[one][both], x[other][both], STEP_PARTS)
+
+
+def turns_apart(robot, one, two):
+    """Largest difference (T,) of joints, whole turns of hinges left out."""
+    apart = one - two
+    apart = np.where(robot.sliding, apart / robot.length, np.mod(apart + np.pi, 2 * np.pi) - np.pi)
+    return np.abs(apart).max(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("five_bar", 21), *(pytest.param(name, 32, marks=pytest.mark.slow) for name in CATALOGUE)],
+)
+def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
+    robot = robots.load(name)
+    window = survey_window(robot, size=size)
+    found = workspace_map(robot, window, ["g"])
+    asked = refused = 0
+    for expected, step in pairs(found):
+        told = step.reason == PoseReason.REACHED
+        asked, refused = asked + len(told), refused + int(np.sum(~told))
+        assert turns_apart(robot, expected[told], step.q[told]).max() < 1e-5
+    assert asked > size**2 / 2
+    assert refused < 1.5 * size  # beside a stretched leg, on the rim, no single step is trusted

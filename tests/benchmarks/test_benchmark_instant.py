@@ -5,8 +5,6 @@ As multiples of the bare inverse dynamics of the open tree, pinocchio's RNEA, on
 run, in turn: how quick a processor is, and what else it does, falls out.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ A whole plan, and the bare pinocchio calls that it makes: the same number, on th
 motion. On a shared machine the ratio to the bare calls of the same run tells more than the time.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

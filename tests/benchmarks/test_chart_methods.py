@@ -1,11 +1,8 @@
 """What the methods of the chart must do, whatever machine they run on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from tests.benchmarks import rows_again
 from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
@@ -238,12 +235,9 @@ def test_variants_are_the_paper_robot_in_other_units():
             assert cell(panel, method, *setting).error < 1e-9, (panel, method)
 
 
-# ------------------------------------------------------------------ rows made again by other code
-
-
-@pytest.mark.slow
-def test_six_rows_are_what_a_script_without_the_framework_finds():
-    for key, again in rows_again.rows().items():
-        stage, method, setting = key.split(":")
-        charted = row(stage, method, *map(float, setting.split(","))).error
-        assert again() == pytest.approx(charted, rel=1e-2, abs=1e-13), key
+@pytest.mark.parametrize("method", ["planned", "simulated"])
+def test_ours_is_right_whatever_size_duration_and_masses(method):
+    for setting in ((1e-6, 1e-4), (1e4, 1e4), (1e-6, 1e4)):
+        assert cell("sizes", method, *setting).error < 1e-6, setting
+    for setting in ((1e-9, 1e-12), (1e6, 1.0)):
+        assert cell("masses", method, *setting).error < 1e-6, setting

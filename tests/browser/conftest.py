@@ -1,7 +1,5 @@
 """A browser without a screen: Chromium as installed, driven by playwright."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable, Iterator

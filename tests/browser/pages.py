@@ -1,7 +1,5 @@
 """What tests of pages ask for: films, and where things stand on the screen."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

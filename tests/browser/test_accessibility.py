@@ -1,7 +1,5 @@
 """Every page that is written, before axe-core: nothing that keeps somebody from using it."""
 
-from __future__ import annotations
-
 import pytest
 
 import robots

@@ -1,7 +1,5 @@
 """A robot moved by hand in a real browser."""
 
-from __future__ import annotations
-
 import threading
 import time
 

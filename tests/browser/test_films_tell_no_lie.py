@@ -1,7 +1,5 @@
 """What a film shows is true: all of the robot, angles, instants and labels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,42 +8,6 @@ from tests.browser.conftest import wait_until
 from tests.browser.pages import filmed, nodes_at
 
 pytestmark = pytest.mark.browser
-
-
-def test_the_rim_of_the_picture_stays_empty(opened):
-    """The same as pixels, with nothing but the robot in the picture."""
-    film = filmed("three_rpr")
-    tab = opened(film_page([film]))
-    tab.evaluate(
-        """() => { const { view } = crossing.films[0];
-          for (const child of view.viewer.scene.children)
-            if (child !== view.robot && !child.isLight && child.name !== "Lights") child.visible = false; }"""
-    )
-    for t in (0.0, 0.4, 0.9, 1.2, 1.5):
-        nodes_at(tab, t)
-        width, height, left, right, top, bottom = tab.evaluate(DRAWN)
-        assert 10 < left < right < width - 10
-        assert 10 < top < bottom < height - 10
-        assert bottom - top > 0.5 * height
-
-
-# Size of the first picture, and the first and last columns and rows with a pixel that is not transparent.
-DRAWN = """() => {
-  const { viewer } = crossing.films[0].view;
-  viewer.render();
-  const { width, height } = viewer.renderer.domElement, copy = document.createElement("canvas");
-  Object.assign(copy, { width, height });
-  const pen = copy.getContext("2d");
-  pen.drawImage(viewer.renderer.domElement, 0, 0);
-  const { data } = pen.getImageData(0, 0, width, height);
-  let [left, right, top, bottom] = [width, 0, height, 0];
-  for (let y = 0; y < height; y++) for (let x = 0; x < width; x++) {
-    if (data[4 * (y * width + x) + 3] === 0) continue;
-    [left, right] = [Math.min(left, x), Math.max(right, x)];
-    [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
-  }
-  return [width, height, left, right, top, bottom];
-}"""
 
 
 # A film at many of its times: the angle that it draws the sign of a right angle for, in degrees.

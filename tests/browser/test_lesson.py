@@ -1,7 +1,5 @@
 """The lesson in a browser: its JavaScript against the framework's own numbers, and each of its steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

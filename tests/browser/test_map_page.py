@@ -1,7 +1,5 @@
 """The page of a map: the value under the pointer is the map's, by mouse and by keys, on any width."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The pages in a real browser: what stands in the scene, moves in it, and answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

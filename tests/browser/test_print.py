@@ -1,7 +1,5 @@
 """A report on paper: its pages as pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

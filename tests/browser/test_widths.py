@@ -1,7 +1,5 @@
 """Pages on a phone, on paper and for those who do not see colours or the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -52,50 +50,6 @@ def test_a_report_fits_a_phone_and_its_figures_a_page(opened, report):
             assert apart, (boxes[k], other)
     captions = [caption.inner_text() for caption in tab.query_selector_all("figcaption")]
     assert [text.split(".")[0] for text in captions] == [f"Figure {k}" for k in range(1, len(captions) + 1)]
-
-
-# Text of at least some letters, with its contrast to the nearest ground that is not transparent; WCAG 2.1.
-CONTRASTS = """() => {
-  const numbers = (color) => { // of rgb(247, 240, 240) and of color(srgb 0.97 0.94 0.94)
-    const [r, g, b, ...rest] = (color.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number);
-    return [...[r, g, b].map((value) => (color.startsWith("color(") ? 255 * value : value)), ...rest];
-  };
-  const light = (color) => numbers(color).slice(0, 3).map((c) => c / 255)
-    .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
-    .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
-  const ground = (element) => {
-    for (let at = element; at; at = at.parentElement) {
-      const color = getComputedStyle(at).backgroundColor, [, , , a = 1] = numbers(color);
-      if (a > 0.8 && color !== "transparent") return color;
-    }
-    return "rgb(255, 255, 255)";
-  };
-  const written = (node) => node.nodeType === 3 && /\\w{2}/.test(node.data);
-  return [...document.querySelectorAll("h1, h2, p, b, span, div, label, button, text, tspan, td, th")]
-    .filter((element) => [...element.childNodes].some(written))
-    .filter((element) => element.getBoundingClientRect().width > 1)
-    .map((element) => {
-      const style = getComputedStyle(element), svg = element instanceof SVGElement;
-      const [a, b] = [light(svg ? style.fill : style.color), light(ground(element))];
-      return [element.textContent.slice(0, 40), (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05)];
-    });
-}"""
-
-
-@pytest.mark.parametrize(
-    ("name", "scene_name", "wrenches"),
-    [
-        ("five_bar", "B", {"left_tip": [3.0, -4.0, 0, 0, 0, 0]}),
-        ("five_bar", "C", None),
-        ("gough_stewart", "turn", None),
-    ],
-)
-def test_all_words_stand_out_from_their_ground(opened, name, scene_name, wrenches):
-    tab = opened(film_page([filmed(name, scene_name, wrenches=wrenches)]))
-    tab.click("button.telling")
-    found = tab.evaluate(CONTRASTS)
-    assert len(found) > 20
-    assert [pair for pair in found if pair[1] < 4.5] == []
 
 
 def test_the_picture_has_a_name_and_what_happens_is_told(shared):

@@ -1,7 +1,5 @@
 """The control cycle against forward kinematics and the dynamics of one instant, for every robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Controllers: laws that hold for each of them, and the witnesses of the dynamics that they use."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run comes out the same to the last bit alone and among others: failures come back by their seeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -133,3 +131,31 @@ def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
     state = stepper.step(*start, np.full((3, 2), 0.1), 1e-3)
     assert not np.any(np.isfinite(state.v[1]))
     np.testing.assert_array_equal(state.v[0], state.v[2])
+
+
+# a run that is lost, or a platform that turns round, does not change what is said of a run
+
+
+@pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
+    plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
+    controller = tuned_controller(name, reference_of(plan, period=1e-2))
+    good = draw(plan.robot, Spread(), (0, 0))
+    wild = replace(good, friction=np.full(plan.robot.n_a, 1e200))  # not a number after one step
+    alone = run_closed_loop(controller, ControlLoop(sensors=sensors), Spread(), [good])
+    among = run_closed_loop(controller, ControlLoop(sensors=sensors), Spread(), [good, wild, good])
+    assert "lost" in among.why[1]
+    np.testing.assert_array_equal(among.tracking_error[[0, 2]], alone.tracking_error[0])
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["lqr", *(pytest.param(name, marks=pytest.mark.slow) for name in ("feedforward", "computed_torque"))],
+)
+def test_a_platform_may_turn_by_more_than_half_a_turn(name):
+    plan = plan_scene(robots.load("four_bar"), "full_turn")
+    assert plan.platform([plan.duration])[0, 0] < -np.pi
+    controller = tuned_controller(name, reference_of(plan, period=5e-3))
+    run = run_closed_loop(controller, ControlLoop(), Spread(), [draw(plan.robot, Spread(), (0, 0))])
+    assert run.passed[0], run.why[0]

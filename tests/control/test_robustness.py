@@ -1,10 +1,7 @@
 """Closed loops and studies of many: who passes, who does not, and that nothing depends on who computes."""
 
-from __future__ import annotations
-
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -50,21 +47,24 @@ def unvaried(controller, count=1):
     return [draw(robot, Spread(), (0, k)) for k in range(count)]
 
 
+def held(plan, periods) -> list[float]:
+    """Tracking errors of the plan's torques alone, held over periods [s]."""
+    errors = []
+    for period in periods:
+        reference = reference_of(plan, period=period)
+        gains = MotorControl(*np.zeros((2, reference.robot.n_a)))
+        runs = [draw(reference.robot, Spread(), (0, 0))]
+        run = run_closed_loop(FeedforwardPD(reference, gains), ControlLoop(), Spread(), runs)
+        errors.append(run.tracking_error[0])
+    return errors
+
+
 @pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
     """Open loop: the error of holding the torque and of the integration goes as the square of the period."""
-    plan = plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4)
-    errors = []
-    for period in (4e-3, 2e-3):
-        reference = reference_of(plan, period=period)
-        nothing = np.zeros(reference.robot.n_a)
-        run = run_closed_loop(
-            FeedforwardPD(reference, MotorControl(nothing, nothing)),
-            ControlLoop(),
-            Spread(),
-            unvaried(tuned(reference)),
-        )
-        errors.append(run.tracking_error[0])
+    errors = held(
+        plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4), (4e-3, 2e-3)
+    )
     assert errors[1] < 2e-5  # robot lengths
     assert 3.0 < errors[0] / errors[1] < 5.5
 
@@ -72,18 +72,7 @@ def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
 @pytest.mark.slow
 def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
     limits = {"optimize": "time", "torque_limit": 0.165, "smoothness": 4}
-    plan = plan_scene(robots.load("five_bar"), "C", **limits)
-    errors = []
-    for period in (2e-3, 1e-3):
-        reference = reference_of(plan, period=period)
-        nothing = np.zeros(reference.robot.n_a)
-        run = run_closed_loop(
-            FeedforwardPD(reference, MotorControl(nothing, nothing)),
-            ControlLoop(),
-            Spread(),
-            unvaried(tuned(reference)),
-        )
-        errors.append(run.tracking_error[0])
+    errors = held(plan_scene(robots.load("five_bar"), "C", **limits), (2e-3, 1e-3))
     assert 3.0 < errors[0] / errors[1] < 5.5
 
 
@@ -114,10 +103,6 @@ def test_the_quickest_law_passes_as_the_polynomial_does_if_it_leaves_a_tenth_of_
     assert plans["nine tenths"].duration < 0.55 * polynomial.duration
 
 
-def tuned(reference):
-    return FeedforwardPD.tune(reference)
-
-
 @pytest.mark.slow
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
     passed = {
@@ -126,43 +111,6 @@ def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torqu
     }
     assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
     assert passed["naive_computed_torque"] < 0.5
-
-
-def test_a_run_does_not_depend_on_its_neighbours():
-    one = controller("lqr", period=1e-2)
-    together = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(3, 8))
-    alone = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(5, 6))
-    assert together["tracking_error"][2] == alone["tracking_error"][0]
-    np.testing.assert_array_equal(together["peak_torque"][2], alone["peak_torque"][0])
-
-
-@pytest.mark.slow
-def test_a_study_does_not_depend_on_the_executor(monkeypatch):
-    monkeypatch.setattr(study_module, "RUNS_PER_CHUNK", 2)
-    spread = Spread(payload=0.05, friction=0.05, places=1e-5, noise=1e-6, speed_noise=1e-4)
-    one = controller("feedforward", period=5e-3)
-    done = []
-    serial = run_study(one, ControlLoop(), spread, runs=5, seed=3, progress=done.append)
-    with ThreadPoolExecutor(2) as pool:
-        parallel = run_study(one, ControlLoop(), spread, runs=5, seed=3, executor=pool)
-    np.testing.assert_array_equal(serial.tracking_error, parallel.tracking_error)
-    np.testing.assert_array_equal(serial.peak_torque, parallel.peak_torque)
-    assert done == sorted(done)
-    assert {2, 4, 5} <= set(done)  # chunk by chunk, and those under way by their share
-    other = run_study(one, ControlLoop(), spread, runs=5, seed=4)
-    assert not np.array_equal(serial.payload, other.payload)
-
-
-@pytest.mark.slow
-def test_a_failure_comes_back_by_its_seed():
-    naive = controller("naive_computed_torque")
-    study = run_study(naive, ControlLoop(), PAYLOAD, runs=6, seed=1)
-    assert study.failures
-    seed = study.failures[0]
-    again = run_closed_loop(naive, ControlLoop(), PAYLOAD, [draw(naive.reference.robot, PAYLOAD, seed)])
-    assert not again.passed[0]
-    assert again.tracking_error[0] == study.tracking_error[seed[1]]
-    assert again.why[0] == study.why[seed[1]]
 
 
 def test_the_interval_is_wilsons():
@@ -289,15 +237,13 @@ def test_the_command_takes_a_plan_that_was_written(tmp_path, capsys):
         (["--limit", "0"], "limit"),
     ],
 )
-def test_the_command_refuses_by_name(capsys, change, says):
-    assert main([*SHORT, *change]) == 2
-    assert says in capsys.readouterr().err
+def test_the_command_refuses_by_name(refusal, change, says):
+    assert says in refusal(2, *SHORT, *change)
 
 
-def test_a_plan_has_its_motion_already(tmp_path, capsys):
+def test_a_plan_has_its_motion_already(tmp_path, refusal):
     (tmp_path / "plan.json").write_text("{}")
-    assert main(["robustness", str(tmp_path), "--scene", "C"]) == 2
-    assert "--scene" in capsys.readouterr().err
+    assert "--scene" in refusal(2, "robustness", tmp_path, "--scene", "C")
 
 
 # ------------------------------------------------------------------ a study that is stopped
@@ -343,21 +289,6 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
 
 
 @pytest.mark.slow
-def test_a_chunk_whose_arrays_differ_in_length_is_computed_anew(tmp_path, monkeypatch):
-    words = [*SHORT, "--period", "1e-2", "--controller", "lqr", "--out", str(tmp_path)]
-    with monkeypatch.context() as patched:
-        computed(patched, stop_after=1)
-        assert main(words) == 130
-    (chunk, *_) = sorted(tmp_path.rglob("*.npz"))
-    with np.load(chunk) as archive:
-        arrays = dict(archive)
-    np.savez(chunk, **{**arrays, "payload": arrays["payload"][:0]})
-    numbers = computed(monkeypatch)
-    assert main(words) == 0
-    assert sorted(numbers) == [0, 1, 2, 3]
-
-
-@pytest.mark.slow
 def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
     words = [*SHORT, "--period", "1e-2", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:
@@ -397,15 +328,13 @@ def study(tmp_path_factory):
     return folder
 
 
-def test_a_tolerance_in_millimetres_is_that_share_of_the_robot(capsys):
-    words = ["robustness", "five_bar", "--scene", "C", "--runs", "1", "--period", "5e-3", "--json"]
-    assert main([*words, "--tolerance", "0.5mm"]) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_a_tolerance_in_millimetres_is_that_share_of_the_robot(document, refusal):
+    words = ["robustness", "five_bar", "--scene", "C", "--runs", "1", "--period", "5e-3"]
+    told = document(*words, "--tolerance", "0.5mm")
     length = robots.load("five_bar").length
-    assert document["tolerance"] * length == pytest.approx(0.5e-3, rel=1e-12)
+    assert told["tolerance"] * length == pytest.approx(0.5e-3, rel=1e-12)
     for wrong in ("0.5 inch", "mm", "-1mm"):
-        assert main([*words, "--tolerance", wrong]) == 2
-        assert "tolerance" in capsys.readouterr().err
+        assert "tolerance" in refusal(2, *words, "--tolerance", wrong)
 
 
 def test_a_study_keeps_all_that_a_rerun_needs(study):
@@ -467,9 +396,8 @@ def test_a_run_that_is_not_what_was_written_is_told_with_the_versions(study, tmp
         (["--replay", "-1"], "--replay"),
     ],
 )
-def test_a_replay_that_cannot_be_is_refused_by_name(study, capsys, change, says):
-    assert main(["robustness", str(study), *change]) == 2
-    assert says in capsys.readouterr().err
+def test_a_replay_that_cannot_be_is_refused_by_name(study, refusal, change, says):
+    assert says in refusal(2, "robustness", study, *change)
 
 
 @pytest.mark.parametrize(
@@ -492,11 +420,9 @@ def test_a_replay_that_cannot_be_is_refused_by_name(study, capsys, change, says)
         ("studies.0.failures", 3),
     ],
 )
-def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, capsys, key, value):
+def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, refusal, key, value):
     saved = json.loads((study / "robustness.json").read_text())
     put(saved, key, value)
     (tmp_path / "robustness.json").write_text(json.dumps(saved))
-    assert main(["robustness", str(tmp_path), "--replay", "0", "--controller", "lqr"]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
+    err = refusal(2, "robustness", tmp_path, "--replay", "0", "--controller", "lqr")
     assert "robustness.json" in err or str(tmp_path) in err

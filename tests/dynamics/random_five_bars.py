@@ -4,8 +4,6 @@ The lengths, a point of the locus (both rods on one line), the path through it, 
 are drawn; closed forms of the inverse kinematics give the reference.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the certificate tells: which torques are resolved, and which never are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Derivatives of torques and accelerations against central differences, for every robot and kind of loop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,23 +187,6 @@ def test_a_wrench_on_axes_of_its_frame_turns_on_with_it(name):
     assert np.abs(still.motor_y * robot.platform_scale - expected).max() > 1e-4 * scale
 
 
-def test_forward_derivatives_undo_those_of_torques(robot):
-    """With torques tau(x, dx, ddx) and accelerations ddx(x, dx, tau), two ways to the same motions."""
-    if robot.n_e or robot.n_a != robot.n or len(robot.structure.idle):  # idle turns are held or swing
-        return
-    x, bent, dx, ddx, wrenches = state_of(robot)
-    q = closed_at(robot, x[None], bent[None])[0]
-    instant = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
-    there = dynamics_derivatives(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
-    back = forward_derivatives(robot, q, instant.v, instant.torque, wrenches=wrenches)
-    np.testing.assert_allclose(back.acceleration, ddx, rtol=1e-9)
-    np.testing.assert_allclose(back.acceleration_torque @ there.torque_ddx, np.eye(robot.n), atol=1e-9)
-    for ours, theirs in ((back.acceleration_y, there.torque_x), (back.acceleration_dy, there.torque_dx)):
-        largest = max(np.abs(theirs).max(), np.abs(there.torque_x).max())  # one may vanish by symmetry
-        scale = np.abs(back.acceleration_torque).max() * largest
-        np.testing.assert_allclose(ours, -back.acceleration_torque @ theirs, rtol=0, atol=1e-9 * scale)
-
-
 def test_the_regressor_gives_what_bodies_ask_of_the_motors(robot):
     """Torques less those of rotors, armature, damping and springs; another payload asks for what it says."""
     x, bent, dx, ddx, _ = state_of(robot)
@@ -224,31 +205,6 @@ def test_the_regressor_gives_what_bodies_ask_of_the_motors(robot):
     given = found.regressor @ values
     assert found.parameters == names
     np.testing.assert_allclose(given, torque, rtol=0, atol=1e-10 * np.abs(torque).max())
-
-
-def test_a_stack_is_its_instants():
-    robot = robots.load("gough_stewart")
-    states = [state_of(robot, seed) for seed in range(3)]
-    x, bent, dx, ddx = (np.array([state[k] for state in states]) for k in range(4))
-    q, wrenches = closed_at(robot, x, bent), {"platform": np.arange(18.0).reshape(3, 6)}
-    torque = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
-    stacks = [
-        dynamics_derivatives(robot, q, dx=dx, ddx=ddx, wrenches=wrenches),
-        forward_derivatives(robot, q, torque.v, torque.torque, wrenches=wrenches),
-    ]
-    for k in range(3):
-        load = {"platform": wrenches["platform"][k]}
-        alone = [
-            dynamics_derivatives(robot, q[k], dx=dx[k], ddx=ddx[k], wrenches=load),
-            forward_derivatives(robot, q[k], torque.v[k], torque.torque[k], wrenches=load),
-        ]
-        for stack, one in zip(stacks, alone, strict=True):
-            names = {name for name in vars(one) if not name.startswith("_")}
-            for name in names | ({"regressor"} if hasattr(one, "regressor") else set()):
-                ours, single = getattr(stack, name)[k], getattr(one, name)
-                np.testing.assert_allclose(
-                    ours, single, rtol=0, atol=1e-11 * np.abs(single).max(), err_msg=name
-                )
 
 
 def test_at_a_type_2_singularity_forward_derivatives_are_finite_and_torques_have_a_pole():

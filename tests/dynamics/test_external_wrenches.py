@@ -1,7 +1,5 @@
 """Wrenches of the world: plans under them against virtual work, and what they may be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,7 +13,6 @@ from framework import (
     RobotFileError,
     assemble,
     dynamics_at,
-    inverse_dynamics,
     load_plan,
     plan_crossing,
     plan_scene,
@@ -125,24 +122,6 @@ def test_an_optimal_law_with_a_table_keeps_its_limits_and_certificate():
     assert plan.certificate.tail < 1e-9
     assert abs(plan.duration - free.duration) > 1e-3
     check_virtual_work(plan, {"left_tip": lambda t: on_base_axes(plan, t, "left_tip")})
-
-
-def test_inverse_dynamics_of_a_plans_law_gives_its_torques():
-    robot = robots.load("five_bar")
-    path = scene_path(robot.description.scenes["C"])
-    wrenches = mill("five_bar", "left_tip")
-    plan = plan_crossing(robot, path, duration=1.5, wrenches=wrenches)
-    again = inverse_dynamics(robot, path, plan.law, wrenches=wrenches)
-    t = np.linspace(0.0, 1.5, 7)
-    np.testing.assert_allclose(again.torque(t), plan.torque(t), rtol=0, atol=1e-12)
-    point = dynamics_at(
-        robot,
-        plan.configuration(0.3),
-        dx=plan.platform(0.3, 1),
-        ddx=plan.platform(0.3, 2),
-        wrenches={"left_tip": on_base_axes(plan, np.array([0.3]), "left_tip")[0]},
-    )
-    np.testing.assert_allclose(point.torque, plan.torque(0.3), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Generalised forces by power and by virtual work, which know nothing of how they were computed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From torques to accelerations: the way back from inverse dynamics, through Type 2, and without mass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -108,46 +106,6 @@ def test_on_the_locus_it_is_regular():
     assert found.clearance < 1e-7
     # level rods put no upright force on the payload, whatever the motors do
     assert found.platform_acceleration[1] == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_state_of_a_stack_comes_out_as_it_does_alone_to_the_last_bit(name):
-    """Random states with random torques and loads: alone, among others, and in another order."""
-    robot = robots.load(name)
-    states = [moving(robot, seed) for seed in range(5)]
-    q, v = (np.array([state[k] for state in states]) for k in (0, 1))
-    rng = np.random.default_rng(3)
-    torque, load = rng.uniform(-1, 1, (5, robot.n_a)), rng.uniform(-1, 1, (5, 6))
-    frame = robot.description.platform.frame
-
-    def found(rows):
-        return forward_dynamics(robot, q[rows], v[rows], torque[rows], wrenches={frame: load[rows]})
-
-    stack, turned = found(slice(None)), found([3, 1, 4, 0, 2])
-    for k, place in enumerate((3, 1, 4, 0, 2)):
-        alone = found(place)
-        for one, row in ((stack, place), (turned, k)):
-            for what in ("q", "v", "a", "torque", "joint_torque", "spring_force"):
-                np.testing.assert_array_equal(getattr(one, what)[row], getattr(alone, what), err_msg=what)
-            for what in ("loop_forces", "reactions"):
-                for key, wrench in getattr(alone, what).items():
-                    np.testing.assert_array_equal(getattr(one, what)[key][row], wrench, err_msg=key)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_it_undoes_inverse_dynamics_at_a_stack_of_random_states(name):
-    robot = robots.load(name)
-    states = [moving(robot, seed) for seed in range(10, 18)]
-    q, rng = np.array([state[0] for state in states]), np.random.default_rng(5)
-    size = robot.platform_scale
-    dx, ddx = size * rng.uniform(-1, 1, (2, len(q), robot.n))
-    loads = {robot.description.platform.frame: rng.uniform(-1, 1, (len(q), 6))}
-    back = dynamics_at(robot, q, dx=dx, ddx=ddx, wrenches=loads)
-    again = forward_dynamics(robot, q, back.v, back.torque, wrenches=loads)
-    scale = robot.column_scale
-    # torques lose digits near Type 2, and infinitely many there
-    allowed = 1e-12 / np.minimum(back.clearance, 1.0) ** 2 * np.abs(back.a / scale).max()
-    assert (np.abs((again.a - back.a) / scale).max(axis=1) <= allowed).all()
 
 
 def test_a_stack_is_refused_by_the_row_that_cannot_be():

@@ -61,24 +61,6 @@ def test_a_joint_of_any_kind_costs_the_motors_its_power(joint, what):
     np.testing.assert_allclose(after.torque - before.torque, expected, rtol=1e-7, atol=1e-9)
 
 
-def test_damping_takes_the_power_that_the_motors_give_beyond_the_energy():
-    damped = five_bar(left_motor=JointDynamics(damping=0.4), right_elbow=JointDynamics(damping=0.2))
-    plain = five_bar()
-    q = assemble(plain, [0.06, 0.35]).q
-    before, after = (dynamics_at(r, q, dx=[0.3, -0.2], ddx=[1.0, 2.0]) for r in (plain, damped))
-    power = (after.torque - before.torque) @ (plain.gear_ratio * before.v[plain.actuated])
-    assert power == pytest.approx(damped.joint_damping @ before.v**2, rel=1e-10)
-
-
-def test_a_polynomial_law_crosses_with_damping_and_the_robot_follows():
-    robot = five_bar(left_elbow=JointDynamics(damping=0.05), right_motor=JointDynamics(damping=0.3))
-    plan = plan_crossing(robot, Line(START, END), duration=1.5, times=[1.0], speeds=[1.5])
-    assert plan.certificate.tail < 1e-9
-    assert simulate(robot, plan).tracking_error < 1e-9
-    undamped = plan_crossing(five_bar(), Line(START, END), duration=1.5, times=[1.0], speeds=[1.5])
-    assert abs(plan.crossings[0].acceleration - undamped.crossings[0].acceleration) > 1e-3
-
-
 DAMPING = {"left_motor": 0.8, "left_elbow": 0.4, "right_motor": 0.3, "right_elbow": 0.0}  # [N m s/rad]
 
 

@@ -1,7 +1,5 @@
 """The loaded singular point, against the whole system of loads, springs and loops written anew."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,19 +1,24 @@
 """Loads put on little by little: against the energy of the 5R written anew, where it snaps and where not."""
 
-from __future__ import annotations
+from functools import cache
 
 import mpmath
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, assemble
+from framework import InvalidInput, NoLaw, assemble, plan_crossing
 from framework.dynamics.loading import LoadReason, loaded_stack
-from framework.dynamics.stiffness import least_stiffness, platform_stiffness
+from framework.dynamics.static_fold import find_static_fold
+from framework.dynamics.stiffness import least_stiffness
 from framework.kinematics.frames import frames_at
+from framework.planning.refusals import StaticFold
+from framework.singularity.points_on_path import search_path
 from framework.tolerances import NEWTON_STEP
+from tests.dynamics.upright_robots import drawn
 from tests.oracles import five_bar_pose
 from tests.oracles.five_bar_pose import BASES, DRIVE, LENGTH, ROD
+from tests.oracles.static_fold import fold
 
 STEPS = 20  # of the load, of the oracle
 H = 1e-5  # [m] of its differences
@@ -65,24 +70,6 @@ def test_the_5r_gives_way_where_its_energy_does(y, force, snaps):
     assert share - 1.0 / STEPS - 1e-6 <= found.share[0] <= share
     if not snaps:
         assert least_stiffness(robot, found.free)[0] == pytest.approx(softest, rel=1e-4)
-
-
-def test_a_stack_has_the_equilibria_of_each_pose_alone_where_these_have_not_jumped():
-    robot = robots.load("delta", flexibility="flexible_joints")
-    x = robot.reference.x + np.array([[0.0, 0.0, 0.0], [0.2, -0.1, 0.05], [-0.3, 0.1, -0.1]])
-    q = np.array([assemble(robot, place).q for place in x])
-    w = [30.0, -20.0, 10.0]
-    found = loaded_stack(robot, q, wrench=w)
-    assert found.reason.tolist() == [LoadReason.CARRIED, LoadReason.GIVES_WAY, LoadReason.CARRIED]
-    for k in range(len(q)):
-        alone = platform_stiffness(robot, q[k], loaded=True, wrench=w)
-        if k == 1:  # it has snapped through, to a stable place at half a metre
-            assert alone.is_stable
-            assert np.linalg.norm(alone.x - x[k]) > 0.3 * robot.length
-            continue
-        np.testing.assert_allclose(found.q[k], alone.q, rtol=0, atol=1e-8)
-        softest = np.linalg.eigvalsh(alone.stiffness)[0]
-        assert least_stiffness(robot, found.free)[k] == pytest.approx(softest, rel=1e-6)
 
 
 def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried():
@@ -222,3 +209,36 @@ def test_soft_poses_carry_and_snap_as_small_steps_of_the_load_do():
         assert (share == 1.0) == carried[k]
         if carried[k]:
             np.testing.assert_allclose(reached[k], place, rtol=0, atol=1e-8)
+
+
+# folds of deflections at rest, against arclength in all coordinates, and by the laws of soft springs
+
+
+@cache
+def branch_of(softness):
+    """The poses of an upright five-bar; 100 times as soft, its springs give way at both ends of the path."""
+    return search_path(drawn(7).robot(softness), drawn(7).path).branch
+
+
+@pytest.mark.parametrize("s", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+def test_a_fold_is_that_of_all_coordinates(s):
+    branch, at = branch_of(100.0), np.array([s])
+    expected = fold(branch.robot, branch.path(at)[0], branch.guess(at)[0])
+    assert find_static_fold(branch, s) == pytest.approx(expected, rel=2e-3)
+
+
+def test_springs_a_little_stiffer_than_at_the_fold_hold_and_softer_ones_do_not():
+    softness = 100.0 * find_static_fold(branch_of(100.0), 1.0)  # of springs at the fold
+    assert find_static_fold(branch_of(0.98 * softness), 1.0) is None
+    assert find_static_fold(branch_of(1.02 * softness), 1.0) == pytest.approx(1.0 / 1.02, rel=3e-3)
+
+
+@pytest.mark.slow
+def test_a_plan_is_refused_with_the_fold_and_the_springs_that_hold():
+    asked = drawn(7)
+    with pytest.raises(NoLaw, match="at rest at s = 0 the springs give way") as refusal:
+        plan_crossing(asked.robot(100.0), asked.path, duration=asked.duration, law="optimal")
+    fold_at_start = find_static_fold(branch_of(100.0), 0.0)
+    assert refusal.value.evidence == StaticFold(0.0, fold_at_start)
+    stiffness = float(str(refusal.value).split("springs ")[-1].split(" times")[0])
+    assert find_static_fold(branch_of(100.0 / stiffness), 0.0) is None

@@ -8,11 +8,9 @@ import pytest
 
 import robots
 from framework import (
-    InvalidInput,
     Line,
     NoLaw,
     ParallelRobot,
-    inverse_dynamics,
     load_plan,
     plan_crossing,
     simulate,
@@ -84,18 +82,6 @@ def test_a_motor_that_reverses_rests_and_starts():
     assert PlannedFriction.from_speed(np.zeros(2), speed, 5.0) is None
 
 
-def test_without_friction_the_plan_is_that_of_a_robot_that_has_none(polynomial, tmp_path):
-    t = np.linspace(0.0, 1.5, 201)
-    without = plan_crossing(rubbing(), LINE, friction="none", **BACK_AND_FORTH)
-    slippery = {name: JointDynamics(damping=value) for name, value in DAMPING.items()}
-    description = replace(robots.load("five_bar").description, joints=slippery)
-    never = plan_crossing(ParallelRobot.from_description(description), LINE, **BACK_AND_FORTH)
-    np.testing.assert_array_equal(without.torque(t), never.torque(t))
-    np.testing.assert_array_equal(without.torque(t), polynomial.dynamics.torque_without_friction(t))
-    assert "left_motor 1.5 N m" in without.neglected_friction
-    assert not polynomial.neglected_friction
-
-
 def test_friction_of_other_joints_changes_nothing_but_is_named():
     plan = plan_crossing(rubbing(passive=0.2, damped=False), LINE, **BACK_AND_FORTH)
     plain = plan_crossing(rubbing(damped=False), LINE, **BACK_AND_FORTH)
@@ -105,14 +91,6 @@ def test_friction_of_other_joints_changes_nothing_but_is_named():
 
 def test_the_simulated_robot_has_no_dry_friction_and_is_driven_without_it(polynomial):
     assert simulate(polynomial.robot, polynomial).tracking_error < 1e-9
-
-
-def test_any_law_is_given_its_friction(polynomial):
-    law, t = polynomial.law, [0.2, 0.9]
-    counted = inverse_dynamics(polynomial.robot, LINE, law)
-    np.testing.assert_allclose(counted.torque(t), polynomial.torque(t), rtol=1e-12)
-    with pytest.raises(InvalidInput, match="friction"):
-        inverse_dynamics(polynomial.robot, LINE, law, friction="some")
 
 
 LIMIT = 0.2  # [N m]

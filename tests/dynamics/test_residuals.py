@@ -1,7 +1,5 @@
 """Joints that nothing holds: what they would have to give is measured; a motion that loads one is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

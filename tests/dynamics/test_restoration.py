@@ -1,7 +1,5 @@
 """Deflections and law found together: balance, rest at both ends, and one answer whatever it started from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -11,12 +9,11 @@ from numpy.polynomial import chebyshev
 
 from framework import CrossingPlan, plan_crossing
 from framework.dynamics.balance_equations import BalanceEquations
-from framework.dynamics.inverse_dynamics import resolve_law
 from framework.dynamics.restoration import deflections_of
 from framework.laws.optimal_law import OnParameter
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import MAX_END_RATE
-from tests.benchmarks.upright_robots import drawn, is_right, judged
+from tests.dynamics.upright_robots import drawn, is_right, judged
 
 ROBOTS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
 STIFF = 0.01  # compliance over that of the catalogue
@@ -42,15 +39,6 @@ def test_the_motion_begins_and_ends_at_rest(kind, softness):
     allowed = 1e-4 if softness == STIFF else MAX_END_RATE
     for t in (0.0, plan.duration):
         assert np.all(np.abs(plan.dynamics.deflection(t, 1)) <= allowed * quickest)
-
-
-@pytest.mark.parametrize(("kind", "softness"), CASES)
-def test_a_law_alone_has_the_torques_that_were_planned_with_it(kind, softness):
-    plan = planned(kind, softness)
-    searched = search_path(plan.robot, plan.path)
-    again = resolve_law(searched, plan.law, geometry="deformed", tolerance=1e-10, friction="driven")
-    t = np.linspace(0.0, plan.duration, 101)
-    assert np.abs(again.torque(t) - plan.torque(t)).max() <= 1e-7 * np.abs(plan.torque(t)).max()
 
 
 def smooth_noise(splines, rng, count):

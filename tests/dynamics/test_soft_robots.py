@@ -1,7 +1,5 @@
 """Elastic robots on which plain passes oscillate, diverge or stall, simulated back onto their paths."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

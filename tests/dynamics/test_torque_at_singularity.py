@@ -1,7 +1,5 @@
 """Torque on a Type 2 singularity itself: the plan's, the closed form's, and refusals that say why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -73,27 +71,6 @@ def test_a_constant_wrench_of_the_world_is_in_the_limit():
     means = [0.5 * (beside(t) + beside(-t)) for t in (0.004, 0.008)]
     limit = (4 * means[0] - means[1]) / 3
     np.testing.assert_allclose(on.torque, limit, rtol=0, atol=1e-6 * np.abs(limit).max())
-
-
-def test_locked_springs_leave_the_limit_as_it_is():
-    dx, dddx = TO_AND_FRO, np.array([1.0, -2.0])
-    found = []
-    for flexibility in ("rigid", "flexible_links"):
-        robot = robots.load("five_bar", flexibility=flexibility)
-        found.append(dynamics_at(robot, assemble(robot, ON_THE_AXIS).q, dx=dx, dddx=dddx))
-    np.testing.assert_allclose(found[1].torque, found[0].torque, rtol=1e-9)
-    assert np.isfinite(found[1].spring_force).all()
-    assert not np.isnan(found[0].loop_forces["tip"][:2]).any()
-    assert np.isnan(found[0].motor_inertia).all()
-
-
-def test_a_stack_may_have_singular_instants():
-    robot, q = on_the_axis()
-    regular = assemble(robot, [0.0, 0.3]).q
-    dddx = np.array([2.0, 3.0])
-    both = dynamics_at(robot, np.stack([regular, q]), dx=TO_AND_FRO, dddx=dddx)
-    alone = [dynamics_at(robot, one, dx=TO_AND_FRO, dddx=dddx).torque for one in (regular, q)]
-    np.testing.assert_allclose(both.torque, alone, rtol=1e-12)
 
 
 def test_without_a_jerk_it_is_asked_for():

@@ -1,7 +1,5 @@
 """Torques linear in the law about a motion in balance, against certified torques of laws beside it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The largest multiple of a wrench that is crossed: planned below it, refused above it."""
 
-from __future__ import annotations
-
 import json
 import math
 from functools import cache

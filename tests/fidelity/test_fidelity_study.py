@@ -1,7 +1,5 @@
 """Levels of fidelity: each is what it says, and judged by what its torques do in the highest model."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache
@@ -22,16 +20,16 @@ from framework import (
 from framework.cli import main
 from framework.cli.fidelity import fidelity_lines
 from framework.fidelity.fidelity_study import _plan_motion
-from framework.fidelity.predicted_level import options_of_level, robot_at_level
+from framework.fidelity.model_comparison import Comparison, ReferenceMotion
+from framework.fidelity.predicted_level import compute_level_motions, options_of_level, robot_at_level
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file
-from framework.planning.scenes import scene_path, scene_request
+from framework.planning.scenes import scene_request
 from tests.oracles import five_bar as oracle
-from tests.robots.every_robot import in_stages
+from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
 
 NAMES = [level.name for level in LEVELS]
-PATH = np.hypot(0.15, 0.15)  # [m] of scene C
 
 
 @cache
@@ -238,16 +236,6 @@ def test_a_kept_level_plans_what_was_judged(name):
     np.testing.assert_allclose(plan.torque(t), comparison.motion.torque(t), rtol=0, atol=1e-10)
 
 
-@pytest.mark.slow
-def test_the_path_of_a_scene_is_judged_like_the_scene():
-    robot = robots.load("five_bar")
-    scene = robot.description.scenes["A"]
-    one = fidelity_study(robot, "A")
-    other = fidelity_study(robot, scene_path(scene), duration=scene.duration)
-    np.testing.assert_array_equal([j.torque for j in one.levels], [j.torque for j in other.levels])
-    assert one.length == pytest.approx(np.hypot(0.15, 0.05), rel=1e-12)
-
-
 def with_friction(size: float) -> ParallelRobot:
     """The 5R with dry friction [N m] at its left elbow, which has no motor."""
     joints = {"left_elbow": JointDynamics(friction=size)}
@@ -309,3 +297,38 @@ def test_where_springs_are_too_soft_the_motion_is_that_of_the_rigid_plan():
     np.testing.assert_allclose(plan.torque(0.5), rigid.torque(0.5), rtol=1e-9)
     with pytest.raises(UnboundedTorque):
         _plan_motion(highest, scene_request(highest, "B"))
+
+
+# what each scene of the catalogue keeps as its level: enough by simulation, and no lower level is
+
+
+PLANNED = [(name, scene) for name, scene in SCENES if not asks_nothing(RIGID[name].description.scenes[scene])]
+
+
+def quick(case) -> bool:
+    return case in [("five_bar", "A"), ("humanoid_ankle", "swing")]
+
+
+def test_every_scene_that_has_a_plan_keeps_a_level_at_one_per_cent():
+    kept = {case: RIGID[case[0]].description.scenes[case[1]].fidelity for case in SCENES}
+    assert {case for case, level in kept.items() if level is not None} == set(PLANNED)
+    assert {level.tolerance for level in kept.values() if level is not None} == {0.01}
+
+
+@pytest.mark.parametrize("case", in_stages(PLANNED, at_once=quick))
+def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
+    name, scene = case
+    kept = robots.load(name).description.scenes[scene].fidelity
+    top = robot_at_level(robots.load(name).description, LEVELS[-1])
+    plan = plan_scene(top, scene)
+    place = LEVELS.index(LEVELS_BY_NAME[kept.level])
+    motions = compute_level_motions(top.description, plan, LEVELS[-1])
+    names = [level.name for level in LEVELS[max(place - 1, 0) : place + 1]]
+    reference = ReferenceMotion.of(plan, top, kept.tolerance)
+    *below, enough = reference.compare_levels([(name, motions[name]) for name in names])
+
+    def error(comparison: Comparison) -> float:
+        return max(comparison.torque, comparison.platform)
+
+    assert error(enough) <= kept.tolerance
+    assert all(error(one) > kept.tolerance for one in below)

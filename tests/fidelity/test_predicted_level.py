@@ -1,7 +1,5 @@
 """What is predicted of each level without a simulation, against the simulations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +16,7 @@ from framework.fidelity.predicted_level import (
     scene_level,
 )
 from framework.model.fidelity_levels import LEVELS
-from tests.fidelity.test_kept_levels import PLANNED
+from tests.fidelity.test_fidelity_study import PLANNED
 from tests.robots.every_robot import in_stages
 
 

@@ -5,8 +5,6 @@ moved or misspelt, a value in place of another, a number that is nearly right or
 torn as text instead, so that it may no longer parse.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

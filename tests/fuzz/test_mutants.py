@@ -6,8 +6,6 @@ that can be, closes all its loops at the reference and along a motion, by equati
 fourth mutant is driven by its planned torques, and comes along its path.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

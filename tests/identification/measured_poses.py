@@ -1,7 +1,5 @@
 """Poses measured of robots whose joint origins are off their files' by a machine shop's errors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework import ParallelRobot

@@ -1,7 +1,5 @@
 """Recorded motions of robots that differ from their files: sums of sines, torques by `dynamics_at`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework import ParallelRobot, assemble, dynamics_at

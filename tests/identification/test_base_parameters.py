@@ -4,8 +4,6 @@ The regressor of the witness: forces of the tree by RNEA on models whose paramet
 on the motions that the loops allow, a null space of their derivatives by differences.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibrated geometry against the one that the poses were made with, and what poses cannot show."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 

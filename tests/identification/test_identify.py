@@ -1,7 +1,5 @@
 """Identified parameters against those that the data were made with."""
 
-from __future__ import annotations
-
 import importlib
 import json
 

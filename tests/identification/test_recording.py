@@ -1,7 +1,5 @@
 """Recorded data: read as they were written, and what is wrong with them said in one sentence."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

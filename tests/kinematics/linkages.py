@@ -1,7 +1,5 @@
 """URDF texts of small linkages, written where they are used."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from framework import Mechanism

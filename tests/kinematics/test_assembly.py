@@ -1,7 +1,5 @@
 """The assembled reference, the loop equations that count there, and the joints that move nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

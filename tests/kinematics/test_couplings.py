@@ -1,7 +1,5 @@
 """Couplings of joints, q_a = ratio q_b + offset, against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stacked poses, Jacobians and motions of frames against pinocchio's own answers, frame by frame."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import eigenpy
@@ -10,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.frames import Scratch, frame_motions, frames_at, scratch_of
+from framework.kinematics.frames import Scratch, frame_motions, frames_at
 from framework.model.description import FLEXIBILITIES
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -75,25 +73,6 @@ def test_threads_do_not_share_a_working_memory():
         found = list(pool.map(lambda part: frames_at(robot, part).position, [*q.reshape(4, 50, -1)] * 5))
     for positions, same in zip(found, expected * 5, strict=True):
         np.testing.assert_array_equal(positions, same)
-
-
-@pytest.mark.parametrize("name", robots.CATALOGUE)
-def test_the_working_memory_has_the_numbers_of_the_accessors(name):
-    robot = robots.CATALOGUE[name].load(flexibility="flexible_links")
-    q, v = states(robot, 1)
-    scratch, model = scratch_of(robot), robot.model
-    pin.rnea(model, scratch.data, q[0], v[0], v[0])
-    pin.computeForwardKinematicsDerivatives(model, scratch.data, q[0], v[0], v[0])
-    pin.updateFramePlacements(model, scratch.data)
-    data = scratch.data
-    frames, joints = (
-        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in poses])
-        for poses in (data.oMf, data.oMi)
-    )
-    twists, rates, forces = (np.array([one.vector for one in each]) for each in (data.ov, data.oa, data.f))
-    expected = [frames, data.J.reshape(6, -1).T, twists, rates, joints, forces]
-    for array, numbers in zip(scratch[1:7], expected, strict=True):
-        np.testing.assert_array_equal(array, numbers)
 
 
 def test_copies_of_the_working_memory_are_refused():

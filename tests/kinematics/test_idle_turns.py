@@ -1,7 +1,5 @@
 """Idle turns that balls drive: their rates are those of a motion, and leave no torque along the turn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

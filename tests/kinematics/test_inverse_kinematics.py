@@ -1,15 +1,14 @@
 """Closing the loops of many instants at once, and when two configurations share a working mode."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import robots
 from framework import Line, NotAssembled, track_path
-from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.inverse_kinematics import close_each, close_loops
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import keeps_working_mode, mode_signs
+from framework.tolerances import NEWTON_STEP
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +51,61 @@ def test_what_does_not_close_is_named_by_its_place(robot):
     assert caught.value.residual > 0.1
 
 
-def test_a_guess_without_numbers_is_no_answer(robot):
-    x = np.repeat([[0.1, 0.345]], 3, axis=0)
-    guess = np.repeat(robot.q_near[None], 3, axis=0)
-    guess[1] = np.nan
-    with pytest.raises(NotAssembled):
-        close_loops(robot, x, guess)
-
-
 def test_an_empty_stack_closes(robot):
     assert close_loops(robot, np.empty((0, 2)), np.empty((0, robot.model.nq))).q.shape == (0, 4)
+
+
+# newton's method on a stack: each instant for itself, whatever stands beside it
+
+
+REACHED = np.array([[0.1, 0.345], [0.08, 0.33], [0.02, 0.3]])
+TOO_FAR = np.array([[0.1, 2.0]])
+
+
+def guesses(robot, count: int):
+    return np.repeat(robot.reference.q[None], count, axis=0)
+
+
+def spoilt(robot):
+    """Guesses that lead nowhere: out of reach; no numbers; all links along x, a singular matrix."""
+    near = robot.reference.q
+    return np.array([near, np.full(len(near), np.nan), np.zeros(len(near))])
+
+
+def test_what_closes_is_what_closes_alone(robot):
+    alone = close_loops(robot, REACHED, guesses(robot, 3))
+    places = np.concatenate([REACHED[:1], TOO_FAR, REACHED[1:2], REACHED[:1], REACHED[2:], REACHED[:1]])
+    starts = guesses(robot, 6)
+    starts[[1, 3, 5]] = spoilt(robot)
+    found = close_each(robot, places, starts)
+    np.testing.assert_array_equal(found.closed, [True, False, True, False, True, False])
+    np.testing.assert_allclose(found.q[found.closed], alone.q, rtol=0, atol=1e-14)
+    assert np.abs(found.linearised.residual[found.closed]).max() < 1e-15
+
+
+def test_the_equations_given_back_are_those_at_the_configuration_given_back(robot):
+    found = close_each(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4), iterations=3)
+    again = close_each(robot, np.concatenate([REACHED, TOO_FAR]), found.q, iterations=0)
+    np.testing.assert_array_equal(found.linearised.jacobian, again.linearised.jacobian)
+    np.testing.assert_array_equal(found.linearised.residual, again.linearised.residual)
+
+
+def test_an_instant_whose_step_is_too_long_is_given_up_and_not_moved(robot):
+    starts = guesses(robot, 3)
+    near = np.repeat(close_loops(robot, REACHED[:1], starts[:1]).q, 3, axis=0)
+    places = REACHED[0] + np.array([[0.0, 0.0], [1e-3, 0.0], [0.05, 0.0]])
+    found = close_each(robot, places, near, farthest=0.02)
+    np.testing.assert_array_equal(found.closed, [True, True, False])
+    np.testing.assert_array_equal(found.q[2], near[2])
+
+
+@pytest.mark.parametrize("name", ["delta", "gough_stewart", "three_upu", "agile_eye"])
+def test_closed_means_that_the_error_is_the_square_of_the_last_step(name):
+    robot = robots.load(name)
+    reference = robot.reference
+    rng = np.random.default_rng(2)
+    aside = 0.02 * rng.standard_normal((20, robot.model.nv)) * robot.column_scale
+    found = close_each(robot, np.repeat(reference.x[None], 20, axis=0), reference.q + aside)
+    assert found.closed.all()
+    size = robot.platform_scale.max()
+    assert np.abs(found.linearised.residual).max() < 10 * NEWTON_STEP**2 * size + 1e-14 * robot.length

@@ -1,7 +1,5 @@
 """Position limits of the URDF: said when a motion leaves them, kept on request, right in our own files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

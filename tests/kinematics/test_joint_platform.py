@@ -1,7 +1,5 @@
 """Joints as platform: the same robot in other coordinates has the same motions, torques and singularities."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

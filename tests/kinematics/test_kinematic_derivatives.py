@@ -1,7 +1,5 @@
 """Derivatives of pose and matrices along motors, springs and geometric parameters, against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -3,8 +3,6 @@
 One body on a ball, closed on the base: the right poses are known by hand, and those that are turned over.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Placements for pictures: pinocchio's own, continuous quaternions, axes that move what they should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The platform's coordinates and its twist: one is the derivative of the other, whatever turns."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import lru_cache
 from itertools import permutations

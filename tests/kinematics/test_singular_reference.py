@@ -4,8 +4,6 @@ A parallelogram that lies flat has lost one of its two loop equations, and one o
 What would be left out for good, if that were decided there, is needed elsewhere: the loop tears by 140 mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

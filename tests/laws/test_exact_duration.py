@@ -1,7 +1,5 @@
 """The integral of z^(-1/2) and laws that take exactly so long, against mpmath."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -87,8 +85,3 @@ def test_splines_and_their_derivatives_are_those_of_scipy(order):
     basis = SPLINES.basis
     expected = BSpline(basis.knots, np.eye(basis.size), SPLINE_DEGREE)(xi, order)
     np.testing.assert_allclose(basis.matrix(xi, order).toarray(), expected, rtol=0.0, atol=1e-11)
-
-
-def test_values_of_splines_at_the_ends_are_those_of_their_outer_coefficients():
-    ends = SPLINES.basis.matrix(np.array([-1.0, 1.0])).toarray()
-    np.testing.assert_array_equal(ends, np.eye(SPLINES.basis.size)[[0, -1]])

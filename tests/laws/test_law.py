@@ -1,7 +1,5 @@
 """The motion law: its conditions, the paper's laws, and whether it always advances."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -51,22 +49,10 @@ def derivative(powers, t, order):
 
 
 @cases
-def test_the_degree_is_one_less_than_the_conditions(degree, smoothness, inner):
-    law = Law.rest_to_rest(DURATION, smoothness, inner)
-    assert law.degree == degree == len(all_conditions(smoothness, inner)) - 1
-
-
-@cases
-def test_the_law_meets_its_conditions(degree, smoothness, inner):
-    law = Law.rest_to_rest(DURATION, smoothness, inner)
-    for t, order, value in all_conditions(smoothness, inner):
-        assert law(t, order) == pytest.approx(value, abs=_rounding(law, order))
-
-
-@cases
 def test_its_coefficients_meet_the_conditions_in_fifty_digits(degree, smoothness, inner):
     """No help from cancellation in floating point: the stored numbers are taken as exact."""
     law = Law.rest_to_rest(DURATION, smoothness, inner)
+    assert law.degree == degree == len(all_conditions(smoothness, inner)) - 1
     with mp.workdps(50):
         series = [mp.mpf(float(c)) for c in law.coefficients]
 
@@ -103,13 +89,6 @@ def test_derivatives_have_the_shape_of_the_times():
         for order in (0, 1, 4, 13, 20):
             assert law(t, order).shape == np.shape(t)
     assert np.all(law(np.linspace(0, DURATION, 5), 13) == 0.0)  # beyond the degree
-
-
-@pytest.mark.parametrize("factor", [1e-3, 40.0, 3600.0])
-def test_time_only_scales(factor):
-    slow = [Condition(factor * t, order, value / factor**order) for t, order, value in ONE]
-    one, other = Law.rest_to_rest(DURATION, 4, ONE), Law.rest_to_rest(factor * DURATION, 4, slow)
-    np.testing.assert_allclose(other.coefficients, one.coefficients, atol=1e-14)  # conditions are rounded
 
 
 # ------------------------------------------------------------------ Briot and Arakelian 2010
@@ -225,12 +204,6 @@ def test_no_law_advances_through_a_point_twice():
     advances, peaks = advances_and_peaks(DURATION, 2, times, values)
     assert advances[0] == -np.inf
     assert np.isfinite([advances[1], peaks[1]]).all()
-
-
-@pytest.mark.parametrize("speed", [1.5, -1.5])
-def test_a_law_that_turns_back_at_the_crossing_does_not_advance(speed):
-    law = Law.rest_to_rest(DURATION, 4, crossing(1.0, 2 / 3, speed, 0.0))
-    assert (law.advance(4) > 0) == (speed > 0)
 
 
 def test_no_laws_have_no_measures():

@@ -1,14 +1,11 @@
 """The law of free shape: its time by quadrature, its derivatives, and how exactly time is inverted."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
 from framework import InvalidInput, Law
-from framework.laws.law import PlannedLaw
 from framework.laws.optimal_law import OptimalLaw, Smoothstep, count_reversals
 from framework.laws.squared_speed import STRETCH_HEIGHT, STRETCH_WIDTH
 from framework.numerics.chebyshev import TimeGrid
@@ -182,9 +179,3 @@ def test_a_speed_that_vanishes_is_no_law(bad):
 def test_instants_outside_are_refused(t):
     with pytest.raises(InvalidInput, match="outside"):
         LAWS[0](t)
-
-
-def test_both_laws_are_planned_laws():
-    for law in (LAWS[0], Law.rest_to_rest(1.0, 2)):
-        assert isinstance(law, PlannedLaw)
-        assert law.advance(2) > 0

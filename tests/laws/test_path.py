@@ -1,7 +1,5 @@
 """Paths: where they go, their derivatives, and x(s(t)) differentiated in time."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import mpmath as mp
@@ -267,29 +265,6 @@ def test_time_derivatives_along_a_path_agree_with_forty_digits(name):
     for order in range(5):
         # a sum of at most five products, each good to some eps of the largest values
         np.testing.assert_allclose(found[order], exact[order], atol=2e-14 * np.abs(exact[order]).max())
-
-
-def test_a_spline_is_differentiated_in_time_as_any_path():
-    path = Spline(POINTS[:6])  # one polynomial of degree 5: interpolated here anew, exactly
-    chords = np.linalg.norm(np.diff(POINTS[:6], axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(chords) / chords.sum()])
-    t = 0.7
-    found = time_derivatives(path, [LAW(np.array([t]), k) for k in range(5)])
-    with mp.workdps(40):
-        series = [mp.mpf(float(c)) for c in LAW.coefficients]
-
-        def lagrange(time, k):
-            s = mp.fsum(c * mp.chebyt(j, 2 * time / 1.5 - 1) for j, c in enumerate(series))
-            return mp.fsum(
-                POINTS[i, k] * mp.fprod((s - at[j]) / (mp.mpf(at[i]) - at[j]) for j in range(6) if j != i)
-                for i in range(6)
-            )
-
-        for k in range(2):
-            exact = mp.taylor(lambda time, k=k: lagrange(time, k), mp.mpf(t), 4)
-            for order in range(5):
-                value = float(exact[order] * mp.factorial(order))
-                assert found[order][0, k] == pytest.approx(value, rel=1e-9)  # x'''' of a solved spline
 
 
 def test_as_many_orders_come_out_as_go_in():

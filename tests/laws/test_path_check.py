@@ -1,7 +1,5 @@
 """A path whose derivatives are not those of its values is refused where it enters; a right one never is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,5 @@
 """Pinocchio parses what moves and nothing else: the same model, and no line of its parser's own."""
 
-from __future__ import annotations
-
-import os
 import re
 import xml.etree.ElementTree as ElementTree
 
@@ -12,7 +9,6 @@ import pytest
 
 import robots
 from framework import ParallelRobot, RobotFileError
-from framework.cli import main
 from framework.model.urdf_edits import copy_without_shapes, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 
@@ -72,13 +68,6 @@ def test_a_shape_that_is_nowhere_is_refused_by_the_name_of_its_link(write_robot,
     file = write_robot(urdf=(("</link>", f"{shape}</link>"),))
     with pytest.raises(RobotFileError, match=f"link '.*': <visual>: <origin> {key}: .*{numbers}"):
         ParallelRobot.from_file(file)
-
-
-def test_a_command_prints_its_report_and_nothing_else(write_robot, capfd):
-    file = write_robot(urdf=(("</link>", '<visual><geometry><box size="a"/></geometry></visual></link>'),))
-    assert main(["check", os.fspath(file), "--json"]) == 0
-    out, err = capfd.readouterr()
-    assert (out.count("\n"), err) == (1, "")
 
 
 @pytest.mark.parametrize("number", ["1_0e-1", " 1. ", "+1", "1E0", "0.1e1", "\u0661"])  # one, as Python reads

@@ -1,7 +1,5 @@
 """Springs from section and material against the closed-form deflections of a cantilever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -157,14 +155,6 @@ def test_splitting_leaves_the_tip_where_it_was():
         pin.framesForwardKinematics(model, data, pin.neutral(model))
         placements.append(data.oMf[model.getFrameId("tip")].homogeneous)
     np.testing.assert_allclose(*placements, atol=1e-15)
-
-
-def test_a_rod_of_the_paper_has_its_stiffness_along_x():
-    # E A / L = 350 kN/m: an aluminium rod of 0.25 m and 1.25 mm^2
-    section, metal = Section.tube(np.sqrt(1.25e-6 / np.pi)), Material.isotropic(70e9, 0.33)
-    spring = beam_spring("left_rod", "left_rod_tip", section, metal, 0.25, axes=("x",))
-    assert spring.motion == ("x",)
-    assert spring.stiffness == pytest.approx((350000.0,))
 
 
 def test_sections():

@@ -1,7 +1,5 @@
 """Every closure kind, on two bodies: it lets go what its name says, at any angle, and holds the rest."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

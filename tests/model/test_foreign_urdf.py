@@ -1,7 +1,5 @@
 """URDFs of somebody else: found in installed packages, joints locked, bodies added, complaints that help."""
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import PackageNotFoundError

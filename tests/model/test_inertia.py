@@ -3,14 +3,11 @@
 The witness is a cloud of point masses: its inertia about the centre of mass is a body's by construction.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import yaml
 
 from framework import RobotFileError
 from framework.model import read_robot_file
@@ -114,16 +111,3 @@ def test_what_exporters_leave_of_a_point_is_no_inertia_in_robots_of_any_size(len
     check_inertial(link(1e-9 * length), length)
     with pytest.raises(RobotFileError, match="no body has"):
         check_inertial(link(1e-3 * length), length)
-
-
-def test_a_body_on_a_frame_of_the_robot_file_is_no_exception(write_robot):
-    file = write_robot()
-    content = yaml.safe_load(file.read_text())
-    content["frames"] = [{"name": "load", "parent": "left_rod", "mass": 1.0, "inertia": [0.1, 0.2, 0.4]}]
-    file.write_text(yaml.safe_dump(content))
-    with pytest.raises(RobotFileError, match=r"frames\[0\]\.inertia: .*moments 0\.1, 0\.2, 0\.4 kg"):
-        read_robot_file(file)
-    content["frames"][0]["inertia"] = [0.1, 0.2, 0.3]
-    file.write_text(yaml.safe_dump(content))
-    given = file.with_name("five_bar.urdf").read_text().count("<inertia ")
-    assert read_robot_file(file).urdf_text.count("<inertia ") == given + 1

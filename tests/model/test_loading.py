@@ -1,7 +1,5 @@
 """One loader: the Python call and the command line read the same files, each of them once."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 
@@ -9,10 +7,9 @@ import pytest
 import yaml
 
 import robots
-from framework import MissingPackage, ParallelRobot, RobotFileError
+from framework import ParallelRobot, RobotFileError
 from framework.cli import main
 from framework.model import read_robot_file
-from framework.model.description import AXES
 from framework.model.documents import parse_yaml
 from framework.model.readers import read_any
 from tests.model.readers.test_dialects import FIVE_BARS
@@ -40,13 +37,6 @@ def parses(monkeypatch) -> Counter[str]:
     monkeypatch.setattr(ElementTree, "XMLParser", XMLParser)
     monkeypatch.setattr(yaml.composer.Composer, "__init__", counted)
     return count
-
-
-def test_each_parse_is_counted(parses):
-    ElementTree.fromstring("<robot/>")
-    ElementTree.XML("<robot/>")
-    yaml.safe_load("robot")
-    assert parses == {"XML": 2, "YAML": 1}
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
@@ -83,13 +73,6 @@ def test_the_urdf_that_was_read_is_the_one_that_the_text_says(name):
     again = ParallelRobot.from_description(read_robot_file(file), flexibility="flexible_links")
     assert direct.description == again.description
     assert direct.model == again.model  # joints, placements, inertias, limits, to the last bit
-
-
-def test_what_is_said_beside_a_file_overrules_it():
-    file = robots.CATALOGUE["gough_stewart"].file
-    robot = ParallelRobot.from_file(file, axes=["x"])
-    assert robot.axis_names == ("x",)
-    assert ParallelRobot.from_file(file).axis_names == AXES
 
 
 def bomb(levels: int) -> str:
@@ -143,15 +126,6 @@ def test_the_command_line_and_the_call_complain_alike(write_robot, capsys, given
         ParallelRobot.from_file(file)
     assert main(["check", str(file)]) == 2
     assert str(caught.value) in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("reading", [ParallelRobot.from_file, read_any, read_robot_file])
-def test_a_missing_package_is_named_whoever_reads(write_robot, reading):
-    file = write_robot(("urdf", "package://no-such-robots/arm.urdf"))
-    with pytest.raises(MissingPackage) as caught:
-        reading(file)
-    assert caught.value.package == "no-such-robots"
-    assert str(caught.value).count(str(file)) == 1
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous"])

@@ -1,7 +1,5 @@
 """Named parameters of robot files: arithmetic in the text of the file and of its URDF, and nothing else."""
 
-from __future__ import annotations
-
 import json
 import math
 

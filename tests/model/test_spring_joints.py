@@ -1,7 +1,5 @@
 """Springs as virtual joints: at rest nothing has changed, and each gives way where its file says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

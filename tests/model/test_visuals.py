@@ -1,7 +1,5 @@
 """The solids of a robot stand where its URDF puts them."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np

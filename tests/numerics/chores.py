@@ -1,7 +1,5 @@
 """Tasks for worker processes, in a module of their own so that these can import them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

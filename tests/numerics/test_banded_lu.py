@@ -1,7 +1,5 @@
 """Stacked sparse systems in one band against dense linear algebra, matrix by matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Functions of time as Chebyshev series, against numpy, mpmath and closed forms."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ from framework.numerics.chebyshev import (
     real_roots,
     tail,
 )
+from framework.numerics.peaks import peak_sizes
 
 START, END = 0.3, 1.8
 WHOLE = np.array([START, END])
@@ -58,12 +57,6 @@ def test_values_and_derivatives_agree_with_fifty_digits(order):
     markov = np.prod([(47**2 - k**2) / (2 * k + 1) for k in range(order)])
     slack = 48 * EPS * markov * (2 / (END - START)) ** order
     np.testing.assert_allclose(function(times, order)[:, 0], exact, atol=slack)
-
-
-def test_one_point_alone_has_the_value_it_has_among_many():
-    function, times = fitted(waves), np.linspace(START, END, 200)
-    alone = np.array([function(t) for t in times])
-    np.testing.assert_allclose(function(times), alone, atol=48 * EPS)
 
 
 def test_shapes_follow_the_times():
@@ -202,3 +195,19 @@ def test_roots_and_extrema_of_a_cosine():
     np.testing.assert_allclose(real_roots(series), [-0.75, -0.25, 0.25, 0.75], atol=1e-14)
     # at the ends the slope vanishes too; rounding may put those just outside
     np.testing.assert_allclose([t for t in extrema(series) if abs(t) < 0.9], [-0.5, 0.0, 0.5], atol=1e-13)
+
+
+# peaks of functions of time, against closed forms
+
+
+def test_peaks_are_those_of_the_closed_form_however_they_lie_to_the_samples():
+    """A wave of one component has its largest size 1 between samples; the other grows to an end."""
+    generator = np.random.default_rng(0)
+    for _ in range(50):
+        frequency, phase, duration = generator.uniform(3.0, 30.0), generator.uniform(0.0, 6.0), 1.7
+        edges = np.array([0.0, *np.sort(generator.uniform(0.1, 1.6, 2)), duration])
+        # 41 coefficients resolve 30 rad/s on a panel of 1.7 s
+        peaks = peak_sizes(
+            lambda t, f=frequency, p=phase: np.stack([np.sin(f * t + p), -np.exp(t)], axis=1), edges, 41
+        )
+        assert np.abs(peaks - [1.0, np.exp(duration)]).max() < 1e-12

@@ -1,7 +1,5 @@
 """Files are read whole, as text, within limits; what is no file is not opened."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """A command that is told to end says one line and leaves nothing: no process, no half file, and soon."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Chunks that are kept are taken again if they are whole, and computed anew if not."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework.numerics.kept import ArrayField, KeptChunks, fits

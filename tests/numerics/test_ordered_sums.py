@@ -1,7 +1,5 @@
 """An item of a stack comes out the same to the last bit alone, among others, wherever it lies in memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

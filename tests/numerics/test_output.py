@@ -1,7 +1,5 @@
 """Files are written together or not at all."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

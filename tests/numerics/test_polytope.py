@@ -1,7 +1,5 @@
 """Zonotopes and slabs against the hull of all their corners, and against linear programs."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

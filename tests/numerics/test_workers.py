@@ -1,7 +1,5 @@
 """Worker processes: what they are given comes back, whoever is killed, and none is left."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

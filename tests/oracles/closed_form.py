@@ -1,7 +1,5 @@
 """What geometry and Lagrange's equations say of a robot without its URDF, for laws that several share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

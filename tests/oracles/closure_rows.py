@@ -10,8 +10,6 @@ With d = p2 - p1 and e an axis carried by the first frame, each closure gives J 
     a distance           d . d' = 0
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

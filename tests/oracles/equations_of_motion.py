@@ -9,8 +9,6 @@ torques leave of
 is measured, with the lambda that leaves least. Massless parts need no other treatment: nothing is solved for.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -329,7 +329,7 @@ class Motion(NamedTuple):
     deflection: Sequence[Series]  # drives [rad], then rods [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Oracle:
     """The exact motion of the 5R along a scene. Every method takes one instant t [s]."""
 
@@ -417,6 +417,7 @@ def _deflected(oracle: Oracle, position: Vector, wrench: Vector) -> Vector:
     raise ArithmeticError("the deformed robot has no equilibrium that a fixed point can reach")
 
 
+@cache
 def _motion(oracle: Oracle, centre: Number, length: int = 3, eps: Vector | None = None) -> Motion:
     """Expand the inverse dynamics about `centre`; `eps` is given at the crossing and only there."""
     position, wrench = _demand(oracle, centre, length)

@@ -9,8 +9,6 @@ pulls with the lever c = b x p / |p|, and that of the rod:
 A force F = sum of f_i u_i on the payload asks the motors for tau_i = c_i f_i / n.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -12,8 +12,6 @@ The constraints enter by their second derivative only (index 1); each output is 
 integration itself, neither stabilised nor projected, so that the drift is part of the testimony.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 

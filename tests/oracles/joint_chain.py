@@ -1,7 +1,5 @@
 """A closure as a chain of real joints, and joints as a URDF."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from copy import deepcopy

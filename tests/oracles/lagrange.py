@@ -1,7 +1,5 @@
 """Lagrange's equations of a platform's coordinates, by complex steps through closed-form energies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

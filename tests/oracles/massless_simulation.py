@@ -17,8 +17,6 @@ axes of inertia. At every instant
 Closures are solved here, so they do not drift; the path of the masses is the testimony.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple

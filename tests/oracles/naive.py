@@ -3,8 +3,6 @@
 Nothing here is used outside the tests and the notebook on failures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -55,16 +53,6 @@ def newton_cranks(x: Sequence[float], guess: Sequence[float]) -> np.ndarray:
     return np.angle(np.exp(1j * angles))
 
 
-def clipped_cranks(x: Sequence[float]) -> np.ndarray:
-    """Crank angles (2,) [rad] by the law of cosines, its argument clipped so that it never complains."""
-    found = []
-    for base, side in zip(BASES, (1, -1), strict=True):
-        arm = np.array(x) - [base, 0.0]
-        cosine = np.clip(np.hypot(*arm) / (2 * LENGTH), -1.0, 1.0)
-        found.append(np.arctan2(arm[1], arm[0]) + side * np.arccos(cosine))
-    return np.array(found)
-
-
 def newton_platform(cranks: Sequence[float], guess: Sequence[float]) -> np.ndarray:
     """Payload (2,) [m] of the 5R for given cranks, by Newton's method: forward kinematics."""
     elbows = np.array([[b, 0.0] for b in BASES])
@@ -78,21 +66,6 @@ def newton_platform(cranks: Sequence[float], guess: Sequence[float]) -> np.ndarr
         if np.abs(step).max() < 1e-15:
             break
     return x
-
-
-def power_coefficients(conditions: Sequence[tuple[float, int, float]]) -> np.ndarray:
-    """Law in raw powers of t [s], ascending: least squares for its conditions (time, order, value)."""
-    count = len(conditions)
-    rows = np.zeros((count, count))
-    for row, (t, order, _) in zip(rows, conditions, strict=True):
-        for k in range(order, count):
-            row[k] = np.prod(np.arange(k - order + 1, k + 1, dtype=float)) * t ** (k - order)
-    return np.linalg.lstsq(rows, np.array([value for *_, value in conditions]))[0]
-
-
-def second_difference(function: Callable[[float], np.ndarray], t: float, h: float) -> np.ndarray:
-    """Forward differences, as a controller or a script without derivatives takes them."""
-    return (function(t + 2 * h) - 2 * function(t + h) + function(t)) / h**2
 
 
 def newton(

@@ -8,8 +8,6 @@ their potential energy. Then
 Where q' = 0 (Type 2) the motor has no hold and F must vanish; the quotient there is taken as a limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

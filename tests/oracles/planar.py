@@ -5,8 +5,6 @@ between the two is digits and nothing else. Legs: left, right; elbows outward; l
 Source: Briot and Arakelian 2010, Eqs. (12)-(16), as in `tests/oracles/five_bar.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

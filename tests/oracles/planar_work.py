@@ -1,11 +1,23 @@
 """Virtual work of the parts of a planar robot of three legs, by differences with fifty digits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mpmath as mp
 import numpy as np
+
+from framework import CrossingPlan
+
+
+def assert_virtual_work(plan: CrossingPlan, bodies: Callable, gear: mp.mpf, within: float) -> None:
+    """Assert that the torques do the work of all masses, at the one crossing as elsewhere."""
+    (crossing,) = plan.crossings
+    beside = [crossing.time - 1e-3, crossing.time, crossing.time + 1e-3]
+    for t in [*(plan.duration * np.array([0.0, 0.2, 0.4, 0.8, 0.93])), *beside]:
+        work, J = work_and_jacobian(bodies, gear, *(plan.platform(t, order) for order in range(3)))
+        np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=within)
+    # and at the crossing this work vanishes along the motion that the motors do not hold
+    work, _ = work_and_jacobian(bodies, gear, *(plan.platform(crossing.time, order) for order in range(3)))
+    assert abs(work @ crossing.twist) < 1e-10
 
 
 def work_and_jacobian(bodies: Callable, gear: mp.mpf, x, dx, ddx) -> tuple[np.ndarray, np.ndarray]:

@@ -4,8 +4,6 @@ Base axes x, y, z; platform axes -z, -x, -y at the reference; arcs of `proximal`
 functions are analytic, so a step of 1e-30 i gives their derivatives to rounding.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -8,8 +8,6 @@ the equilibrium of what neither motors nor loops hold,
 with C the rows of the loops and of the motors, are followed by arclength until eps turns back.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

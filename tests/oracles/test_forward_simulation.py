@@ -1,7 +1,5 @@
 """The witnesses bear witness: they agree with each other, and see what is wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

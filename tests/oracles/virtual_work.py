@@ -7,8 +7,6 @@ that of the world's wrenches w on their frames:
     Z' S n tau = Z' (M a + h + K (q - rest) + D v - J' w).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

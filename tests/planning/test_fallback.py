@@ -1,7 +1,5 @@
 """Where the polynomial is not resolved the optimal law is tried, and is right there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What condition (8) asks for before a law is sought: coefficients, shares, and which way to go."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """motion.csv agrees with itself, and with Pinocchio's forward kinematics of its joint columns."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

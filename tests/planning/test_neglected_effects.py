@@ -1,7 +1,5 @@
 """What a plan leaves out is worth what the fuller model's torques differ by."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paths orthogonal to t_s where they cross: s" has no hold there, and the speed must meet condition (8)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paths that no law can cross, bent as little as helps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A study of plans: every set of parameters has its own robot, and a refusal says why."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

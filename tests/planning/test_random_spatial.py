@@ -4,8 +4,6 @@ Torques are held against the equations of motion that the tests write anew, refu
 the bound of all laws.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

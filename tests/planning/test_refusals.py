@@ -1,7 +1,5 @@
 """The table of refusals names every module on the way of a plan that makes an error of the kind "no"."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

@@ -1,7 +1,6 @@
 """One record says what is asked, whoever asks: a call, a scene or a command line."""
 
-from __future__ import annotations
-
+import shlex
 from dataclasses import FrozenInstanceError, fields, replace
 from doctest import DocTestParser, DocTestRunner
 from inspect import getdoc, signature
@@ -69,24 +68,9 @@ def test_what_is_typed_beside_a_scene_is_what_a_call_says_beside_it(robot, words
 
 
 def test_corners_that_are_typed_make_a_polyline(robot):
-    words = [
-        "--from",
-        "0.1",
-        "0.345",
-        "--via",
-        "0",
-        "0.3",
-        "--via",
-        "-0.02",
-        "0.2",
-        "--to",
-        "0.08",
-        "0.2",
-        "--blend",
-        "0.01",
-        "--duration",
-        "2",
-    ]
+    words = shlex.split(
+        "--from 0.1 0.345 --via 0 0.3 --via -0.02 0.2 --to 0.08 0.2 --blend 0.01 --duration 2"
+    )
     corners = Polyline([[0.1, 0.345], [0.0, 0.3], [-0.02, 0.2], [0.08, 0.2]], blend=0.01)
     assert typed(robot, *words) == Request.of(robot, corners, duration=2.0)
     no_blend, no_corner = words[:-4] + words[-2:], words[:3] + words[9:]

@@ -1,7 +1,5 @@
 """A plan whose time is up, or that Ctrl-C ends, is certified, or one line says that none was found yet."""
 
-from __future__ import annotations
-
 import re
 import signal
 import time

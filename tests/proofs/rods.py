@@ -1,7 +1,5 @@
 """What a rod asks of a displacement, in the functions of `framework.proofs.study_quadric`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,12 +1,10 @@
 """Assembly and working modes against the geometry of each robot and against published counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, forward_kinematics
+from framework import InvalidInput
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -47,14 +45,6 @@ def test_the_5r_has_two_poses_and_their_places_are_where_two_circles_meet():
         exact = sorted([tuple(left + way / 2 + across), tuple(left + way / 2 - across)])
         np.testing.assert_allclose(sorted(tuple(mode.x) for mode in found.modes), exact, atol=1e-12)
         assert found.complete
-
-
-def test_motors_that_no_pose_belongs_to_have_none_and_that_is_proved():
-    found = assembly_modes(
-        robots.load("five_bar"), [np.pi, 0.0]
-    )  # the elbows 0.9 m apart, the rods 0.25 m long
-    assert found.modes == ()
-    assert found.complete
 
 
 @pytest.mark.parametrize(("name", "count"), [("agile_eye", 8), ("spherical_rrr", 8)])
@@ -102,15 +92,6 @@ def test_other_robots_are_searched(name, status):
     for mode in found.modes:
         assert describe_pose(robot, mode.q).closure_error < 1e-9
         np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["five_bar", "delta", "three_rrr"])
-def test_the_pose_that_forward_kinematics_leads_to_is_one_of_them(name):
-    robot = robots.load(name)
-    q_a = robot.actuated_coordinates(robot.reference.q[None])[0] + 0.02 * np.resize([1.0, -0.5], robot.n_a)
-    pose = forward_kinematics(robot, q_a)
-    off = [np.abs(mode.x - pose.x).max() for mode in assembly_modes(robot, q_a).modes]
-    assert min(off) < 1e-9
 
 
 def test_redundant_motors_are_refused():

@@ -1,7 +1,5 @@
 """Paving against circles that meet or do not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

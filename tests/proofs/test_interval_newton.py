@@ -1,7 +1,5 @@
 """Interval steps: nothing that solves the equations is lost, and what is proved is there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Systems of quadrics: all solutions, and the proof that each is one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

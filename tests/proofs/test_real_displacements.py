@@ -1,7 +1,5 @@
 """Real displacements of rods against published numbers and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Balls that are proved regular: as large as closed forms allow, and nothing singular in any."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """All singular poses in boxes: for the 5R and the biglide against the closed forms of their curves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

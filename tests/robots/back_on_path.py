@@ -4,8 +4,6 @@ Frames, closures and the platform's coordinates are those of the tests: of the p
 and where it starts are taken.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework import CrossingPlan, ParallelRobot

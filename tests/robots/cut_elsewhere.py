@@ -10,8 +10,6 @@ a joint of axis -a in the child's own frame, so that its coordinate keeps its si
 constant T^-1. All links keep their frames, hence their inertias and all that hangs on them.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 

@@ -1,10 +1,8 @@
 """What the generated tests run over: the catalogue, its flexibilities and its scenes.
 
 Nothing here names a robot but those of every kind, whose laws are held at once; a file more in `robots/` is a
-robot more in every test of `test_every_robot_*.py`.
+robot more in every test of `test_every_robot*.py`.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache

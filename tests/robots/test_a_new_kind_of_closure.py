@@ -5,8 +5,6 @@ along an axis needs a new kind of row as well. Both are put into the 5R, where a
 are: the first stands for the robot's right rod, the second for a pin on a frame beside the tip.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The Agile Eye against its published closed forms: axes, working modes, and why it has no Type 2 surface."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The biglide against textbook geometry, and against Lagrange in 60 digits through its singular point."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mpmath as mp

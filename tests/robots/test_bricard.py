@@ -6,8 +6,6 @@ a = 90 deg + q_odd and b = 90 deg + q_even; the benchmark starts at a = b = 90 d
 the torque is Lagrange's.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of geometry and of Lagrange, for the robots whose own tests have a closed form of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -25,6 +23,7 @@ from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.planar_work import assert_virtual_work
 from tests.robots import (
     test_agile_eye,
     test_biglide,
@@ -56,6 +55,7 @@ CROSSINGS: dict[str, Crossing] = {
     "par4": test_par4.CROSSING,
     "spherical_rrr": test_spherical_rrr.CROSSING,
 }
+PLANAR = {"three_rpr": test_three_rpr, "three_rrr": test_three_rrr}  # three legs, whose lines may meet
 
 
 class Unprepared(NamedTuple):
@@ -103,6 +103,34 @@ def test_A_and_B_have_their_closed_form(name):
     for x in known.places:
         A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
         np.testing.assert_allclose(np.linalg.solve(B, A), known.rates(x), atol=known.rates_within)
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_A_and_B_are_those_of_three_lines_up_to_the_choice_of_rows(name):
+    robot, known = robots.load(name), PLANAR[name]
+    for x in known.PLACES:
+        ours, (A, B) = velocity_matrices(robot, assemble(robot, x).q), known.matrices(x)
+        np.testing.assert_allclose(ours.B, ours.A @ np.linalg.inv(A) @ B, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_the_singular_point_is_where_three_lines_meet_and_torques_do_the_work_of_all_masses(name):
+    robot, known = robots.load(name), PLANAR[name]
+    path = scene_path(robot.description.scenes["crossing"])
+    (point,) = locate_singularities(robot, path)
+    assert point.s == pytest.approx(known.closed_form_crossing(path), abs=1e-12)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    x = path(point.s)
+    px, py = (float(v) for v in known.meeting_point(x))
+    twist = np.array([py - x[1], x[0] - px, 1.0])  # a turn about the meeting point
+    twist /= np.hypot(*twist[:2])
+    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=known.TWIST_WITHIN)
+    np.testing.assert_allclose(known.matrices(x)[0] @ point.twist, 0, atol=1e-12)
+    assert not locate_singularities(robot, scene_path(robot.description.scenes["clear"]))
+    plan = plan_scene(robot, "crossing")
+    assert_virtual_work(plan, known.bodies, known.GEAR, known.WORK_WITHIN)
+    assert plan.certificate.tail < 1e-9
+    assert plan.certificate.monotone
 
 
 @pytest.mark.parametrize("name", CROSSINGS)

@@ -4,8 +4,6 @@ A closure is written three times: rows in the framework, rows in `tests.oracles.
 of real joints in `tests.oracles.joint_chain`. They must say the same.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ The closed forms know a Delta as three arms and three forearms that never turn t
 under test has six rods and a platform that only they keep level.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Generated: a robot added to the catalogue is tested here without a line written.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +10,14 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, locate_singularities, track_path, velocity_matrices
+from framework import (
+    ParallelRobot,
+    UnboundedTorque,
+    locate_singularities,
+    plan_scene,
+    track_path,
+    velocity_matrices,
+)
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -20,7 +25,20 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.motion_rates import jacobian_rates, motion_at
 from framework.numerics.chebyshev import TimeGrid
 from framework.planning.scenes import scene_path
-from tests.robots.every_robot import ELASTIC, SCENES, STAGED, first_path, in_stages, planned
+from tests.oracles.equations_of_motion import defects_of
+from tests.robots.back_on_path import BACK, misses
+from tests.robots.every_robot import (
+    ELASTIC,
+    KINDS,
+    RIGID,
+    SCENES,
+    STAGED,
+    asks_nothing,
+    crossing,
+    first_path,
+    in_stages,
+    planned,
+)
 
 
 @pytest.fixture(params=STAGED, scope="module")
@@ -172,3 +190,71 @@ def test_stiff_springs_tend_to_the_rigid_robot_as_one_over_stiffness(case):
     assert soft < 0.5 * np.abs(rigid.torque(t)).max()
     assert stiff == pytest.approx(soft / 1e3, rel=0.05, abs=rounding)  # second order in 1/k is of this size
     assert stiffer == pytest.approx(stiff / 1e3, rel=1e-3, abs=rounding)
+
+
+# planned torques, integrated forward, bring every robot along its path: for every scene with a law
+
+
+LAWFUL = [(name, scene) for name, scene in SCENES if not asks_nothing(RIGID[name].description.scenes[scene])]
+FIRST = list({name: (name, scene) for name, scene in reversed(LAWFUL)}.values())  # scene of each robot
+UNPREPARED = [case for case in SCENES if case not in LAWFUL]
+# Rods with mass hang between a drive's spring and their own: each spring on the way to the motor needs two
+# more derivatives of s to start from rest. With 4 the springs would be set ringing, by 1e-6 m at most.
+SMOOTHNESS = {"flexible_joints": 4, "flexible_links": 8}
+
+
+@pytest.mark.parametrize("case", in_stages(LAWFUL, at_once=lambda case: case in FIRST and case[0] in KINDS))
+def test_planned_torques_bring_a_rigid_robot_along_the_path(case):
+    name, scene = case
+    robot = RIGID[name]
+    off = misses(robot, plan_scene(robot, scene), rtol=1e-11)
+    print(f"{name}, {scene}: back on the path within {np.abs(off).max():.1e} m, rad")
+    assert np.abs(off).max() < BACK  # measured: 7e-11 at most
+
+
+@pytest.mark.parametrize("case", in_stages(ELASTIC, at_once=lambda case: False))
+def test_planned_torques_bring_an_elastic_robot_along_the_path(case):
+    name, flexibility = case
+    robot = robots.load(name, flexibility=flexibility)
+    plan = crossing(robot, smoothness=SMOOTHNESS[flexibility], times=None, speeds=None)
+    off = misses(robot, plan, rtol=1e-8)
+    print(f"{name}, {flexibility}: back on the path within {np.abs(off).max():.1e} m, rad")
+    assert np.abs(off).max() < BACK
+
+
+@pytest.mark.parametrize("case", in_stages(UNPREPARED, at_once=lambda case: True))
+def test_a_scene_that_asks_for_no_condition_where_it_meets_a_singularity_has_no_torques(case):
+    name, scene = case
+    robot = RIGID[name]
+    assert locate_singularities(robot, scene_path(robot.description.scenes[scene]))
+    with pytest.raises(UnboundedTorque):
+        plan_scene(robot, scene)
+
+
+# planned motions obey the equations of motion as the tests write them
+
+
+# [N m], on the motor side, of rigid robots' first crossings
+PEAK_TORQUE = {"delta": 10.0, "gough_stewart": 500.0, "orthoglide": 0.5, "par4": 2.0, "spherical_rrr": 0.5}
+
+
+@pytest.mark.parametrize("case", STAGED)
+def test_a_plan_obeys_the_equations_of_motion_written_anew(case):
+    name, flexibility = case
+    robot = robots.load(name, flexibility=flexibility)
+    plan = crossing(robot)
+    assert plan.certificate.tail < 1e-9
+    speed = plan.law(plan.duration * np.linspace(0.0, 1.0, 2001)[1:-1], 1)
+    assert plan.certificate.monotone == (speed.min() > 0.0)
+    assert all(point.residual < 1e-12 for point in plan.crossings)
+    if flexibility == "rigid" and name in PEAK_TORQUE:
+        assert plan.certificate.monotone
+        assert max(plan.peak_torque.values()) < PEAK_TORQUE[name]
+    found = defects_of(plan)
+    size = max(robot.length, 1.0)
+    assert found.open < 1e-12 * size  # measured: 1e-14 at most
+    assert found.platform < 1e-12 * size
+    # derivatives of Chebyshev series lose three digits a time or more; measured: 1e-11, 2e-8, 3e-8 at most
+    assert found.speed < 1e-9
+    assert found.acceleration < 1e-6
+    assert found.force < 1e-6

@@ -3,8 +3,6 @@
 Generated: a robot added to the catalogue is tested here without a line written.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A plan that is saved and read back is the plan that was saved, field by field."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, fields
 

@@ -1,7 +1,5 @@
 """The paper's planar 5R against closed forms: fifty digits, exact derivatives (oracles/five_bar.py)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The witness is a forward dynamics in full coordinates that shares no code with the inverse dynamics.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

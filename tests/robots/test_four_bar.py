@@ -1,7 +1,5 @@
 """The four-bar linkage against its loop equation solved in closed form, and against Lagrange in 60 digits."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The URDFs that generators write, and the elements that they write them with."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree

@@ -4,8 +4,6 @@ The closed forms below know the published dimensions and nothing of the URDF. Al
 so a step of 1e-30 i gives their derivatives to rounding.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

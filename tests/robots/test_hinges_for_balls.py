@@ -4,8 +4,6 @@ Where a way of the motors ends, something has to move with the motors locked: th
 a mass. Hinges of a ball that only turn against one another move neither.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

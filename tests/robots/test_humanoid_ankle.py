@@ -8,8 +8,6 @@ of crank and rod, its tip at L (cos q, 0, -sin q):
 Derivatives by complex steps.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

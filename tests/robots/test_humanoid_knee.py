@@ -1,7 +1,5 @@
 """The four-bar knee against its loop solved in closed form, and against Lagrange in 60 digits."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import mpmath as mp

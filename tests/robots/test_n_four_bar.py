@@ -4,8 +4,6 @@ With x the angle of the rods from the vertical, T = (N + 1) x'^2 / 6 + N x'^2 / 
 V = g cos(x) ((N + 1) / 2 + N).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ The closed forms know a platform that does not turn and three legs. In the robot
 hinges keep the platform from turning.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ The closed forms take for granted that the half plates do not turn; in the robot
 them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The slider-crank against its loop equation solved in closed form, and against Lagrange in 60 digits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mpmath as mp

@@ -1,7 +1,5 @@
 """The spherical 3-RRR with short arcs in closed form; `test_closed_forms.py` holds the robot to it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.oracles.closed_form import Crossing, Kinematics

@@ -3,8 +3,6 @@
 The witness is the untouched URDF on a free-flyer of pinocchio: no ground link, no root joints, no closures.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

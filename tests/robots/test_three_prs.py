@@ -9,8 +9,6 @@ so with R = Ry(t) Rx(p) Rz(z) the parasitic turn is tan z = sin p sin t / (cos p
 2000), and each slide is below its ball by the rest of the rod. Derivatives of it by complex steps.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

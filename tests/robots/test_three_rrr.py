@@ -4,17 +4,13 @@ Nothing here is taken from the URDF but its numbers. Derivatives of the closed f
 digits, so that they cost no accuracy.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.planning.scenes import scene_path
-from tests.oracles.planar_work import work_and_jacobian
+from framework import assemble
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform
@@ -26,6 +22,8 @@ ROD_ABOUT_CENTRE = ROD * (3 * mp.mpf("0.012") ** 2 + LENGTH**2) / 12
 PLATFORM_ABOUT_CENTRE = PLATFORM * mp.mpf("0.12") ** 2 / 2
 GEAR, ROTOR = 10, mp.mpf("1.2e-4")
 MODE = 1  # the cranks stand to the left of the lines A_i C_i
+PLACES = np.array([0.6, 0.4, -0.4]) + np.random.default_rng(2).uniform(-1, 1, (10, 3)) * [0.1, 0.1, 0.2]
+WORK_WITHIN, TWIST_WITHIN = 1e-11, 1e-10  # of 1 to 10 N, N m
 
 
 def legs(x):
@@ -43,7 +41,7 @@ def legs(x):
     return found
 
 
-def closed_form_matrices(x):
+def matrices(x):
     """A and B of A v = B dq: rods of constant length, row by row."""
     A, B = np.zeros((3, 3)), np.zeros((3, 3))
     for i, ((cx, cy), _, crank, rod) in enumerate(legs(x)):
@@ -53,26 +51,22 @@ def closed_form_matrices(x):
     return A, B
 
 
-def meeting_point(x, first, second):
-    """Where the lines of two rods meet."""
-    (c1, b1, *_), (c2, b2, *_) = (legs(x)[i] for i in (first, second))
+def meeting_point(x):
+    """Where the lines of the first two rods meet."""
+    (c1, b1, *_), (c2, b2, *_), _ = legs(x)
     d1, d2 = (c1[0] - b1[0], c1[1] - b1[1]), (c2[0] - b2[0], c2[1] - b2[1])
     across = d1[0] * d2[1] - d1[1] * d2[0]
     along = ((b2[0] - b1[0]) * d2[1] - (b2[1] - b1[1]) * d2[0]) / across
     return b1[0] + along * d1[0], b1[1] + along * d1[1]
 
 
-def off_the_line(x, leg, point):
-    """Distance of a point from the line of a rod [m], signed."""
-    (cx, cy), (bx, by), *_ = legs(x)[leg]
-    return ((cx - bx) * (point[1] - by) - (cy - by) * (point[0] - bx)) / LENGTH
-
-
 def closed_form_crossing(path):
     """s where the third rod passes through the point in which the first two meet."""
 
     def gap(s):
-        return float(off_the_line(path(s), 2, meeting_point(path(s), 0, 1)))
+        px, py = meeting_point(path(s))
+        (cx, cy), (bx, by), *_ = legs(path(s))[2]
+        return float((cx - bx) * (py - by) - (cy - by) * (px - bx))
 
     return brentq(gap, 0.1, 0.99, xtol=1e-15, rtol=1e-14)
 
@@ -92,11 +86,6 @@ def robot():
     return robots.load("three_rrr")
 
 
-@pytest.fixture(scope="module")
-def plan(robot):
-    return plan_scene(robot, "crossing")
-
-
 def test_inverse_kinematics_of_all_joints(robot):
     rng = np.random.default_rng(1)
     for x in np.array([0.6, 0.4, -0.5]) + rng.uniform(-1, 1, (20, 3)) * [0.12, 0.12, 0.4]:
@@ -105,41 +94,3 @@ def test_inverse_kinematics_of_all_joints(robot):
             turned = [q[f"motor_{i}"] - crank, q[f"motor_{i}"] + q[f"elbow_{i}"] - rod]
             np.testing.assert_allclose([float(mp.sin(t / 2)) for t in turned], 0, atol=1e-12)
         assert q["motor_1"] + q["elbow_1"] + q["wrist_1"] == pytest.approx(x[2], abs=1e-12)
-
-
-def test_A_and_B_are_those_of_the_rods_up_to_the_choice_of_rows(robot):
-    rng = np.random.default_rng(2)
-    for x in np.array([0.6, 0.4, -0.4]) + rng.uniform(-1, 1, (10, 3)) * [0.1, 0.1, 0.2]:
-        ours = velocity_matrices(robot, assemble(robot, x).q)
-        A, B = closed_form_matrices(x)
-        np.testing.assert_allclose(ours.B, ours.A @ np.linalg.inv(A) @ B, atol=1e-12)
-
-
-def test_the_singular_point_is_where_the_three_rods_meet(robot):
-    path = scene_path(robot.description.scenes["crossing"])
-    (point,) = locate_singularities(robot, path)
-    assert point.s == pytest.approx(closed_form_crossing(path), abs=1e-12)
-    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
-    x = path(point.s)
-    px, py = (float(v) for v in meeting_point(x, 0, 1))
-    twist = np.array([py - x[1], x[0] - px, 1.0])  # a turn about the meeting point
-    twist /= np.hypot(*twist[:2])
-    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=1e-10)
-    A, _ = closed_form_matrices(x)
-    np.testing.assert_allclose(A @ point.twist, 0, atol=1e-12)
-
-
-def test_a_path_without_turning_meets_no_singularity(robot):
-    assert not plan_scene(robot, "clear").crossings
-
-
-def test_torques_do_the_virtual_work_of_all_masses(plan):
-    (crossing,) = plan.crossings
-    for t in [0.0, 0.2, 0.5, 0.8, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.3]:
-        work, J = work_and_jacobian(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
-        np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-11)  # of 1 to 10 N, N m
-    # and at the crossing this work vanishes along the motion that the motors do not hold
-    work, _ = work_and_jacobian(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
-    assert abs(work @ crossing.twist) < 1e-10
-    assert plan.certificate.tail < 1e-9
-    assert plan.certificate.monotone

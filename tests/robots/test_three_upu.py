@@ -3,8 +3,6 @@
 Legs d_i = p + (r - R) e_i, rates of length u_i . v, constraint couples n_i.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

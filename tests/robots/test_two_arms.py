@@ -3,8 +3,6 @@
 No closure, no locked joint and no box in that URDF: here they are Jacobians, a value and Newton's equations.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -5,8 +5,6 @@ side stay what they are, but for `in_other_units`, which multiplies them by mass
 `reversed_joints`, which turns their sign.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What is said about a film is what the film shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`crossing show` and `crossing report` at the command line: pages, refusals, and a clean end."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -16,20 +14,8 @@ import pytest
 
 import robots
 from framework import Line, load_plan, plan_crossing, plan_scene
-from framework.cli import main
 from framework.planning.saved import plan_document
 from framework.show.report import _certificate_html
-
-
-@pytest.fixture
-def crossing(capsys):
-    """Runs one command: exit code, stdout, stderr."""
-
-    def run(*arguments) -> tuple[int, str, str]:
-        code = main([str(argument) for argument in arguments])
-        return code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -105,25 +91,19 @@ def test_a_saved_plan_is_shown(crossing, folder, tmp_path):
         (["five_bar", "--scene", "C", "--html", "/dev/null/page.html"], "--html: cannot write"),
     ],
 )
-def test_misuse_is_one_line(crossing, arguments, complaint):
-    code, out, err = crossing("show", *arguments, "--no-open")
-    assert (code, out) == (2, "")
-    assert complaint in err
-    assert err.count("\n") == 1
+def test_misuse_is_one_line(refusal, arguments, complaint):
+    assert complaint in refusal(2, "show", *arguments, "--no-open")
 
 
-def test_a_saved_plan_takes_no_other_motion(crossing, folder):
-    code, _, err = crossing("show", folder, "--scene", "C", "--no-open")
-    assert code == 2
+def test_a_saved_plan_takes_no_other_motion(refusal, folder):
+    err = refusal(2, "show", folder, "--scene", "C", "--no-open")
     assert "--scene" in err
     assert "has its own" in err
 
 
-def test_a_motion_that_has_no_law_is_no_film(crossing):
-    code, _, err = crossing(
-        "show", "five_bar", "--from", "0.1", "0.345", "--to", "2", "2", "--duration", "1", "--no-open"
-    )
-    assert code == 1
+def test_a_motion_that_has_no_law_is_no_film(refusal):
+    line = "show five_bar --from 0.1 0.345 --to 2 2 --duration 1 --no-open"
+    err = refusal(1, *line.split())
     assert "leaves the workspace" in err or "Type 1" in err
 
 

@@ -1,7 +1,5 @@
 """A film says what the plan says: places, forces, singular instants, in frames whose loops are closed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

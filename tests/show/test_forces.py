@@ -1,7 +1,5 @@
 """What is drawn of the motors' forces: held against the legs, which carry them, and against t_s."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

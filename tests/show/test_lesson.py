@@ -1,7 +1,5 @@
 """The lesson's numbers: its series against the dynamics at one instant, and whom it refuses."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

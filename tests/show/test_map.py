@@ -1,7 +1,5 @@
 """Figures and pages of maps say what they show, and hold the numbers of the map."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """The document of a scene and the page around it, for every robot of the catalogue."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -15,7 +13,6 @@ from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import encode_floats, film_documents
 from framework.show.shapes import body_shapes, thin_mesh
-from framework.singularity.drawn_locus import locus_curves
 from tests.show.test_film import filmed
 
 # The others, whose meshes may take seconds to read, are slow.
@@ -159,36 +156,6 @@ def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
 
 def test_floats_travel_as_little_endian_singles():
     assert decoded(encode_floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
-
-
-@pytest.mark.slow
-def test_films_of_one_robot_share_one_trace_of_the_locus(monkeypatch):
-    asked = []
-
-    def counted(robot, q, x):
-        asked.append(robot.name)
-        return locus_curves(robot, q, x)
-
-    monkeypatch.setattr("framework.show.scene.locus_curves", counted)
-    films = [filmed("five_bar", name) for name in ("A", "B", "C")]
-    together = film_documents(films)
-    assert asked == ["five_bar"]
-    # what each shows is what it shows alone, to the width of the grid on which it was traced
-    asked.clear()
-    for film, document in zip(films, together, strict=True):
-        (alone,) = film_documents([film])
-        assert alone["locus"]["kind"] == document["locus"]["kind"] == "curves"
-        points = [
-            np.concatenate([decoded(curve).reshape(-1, 3) for curve in found["locus"]["curves"]])
-            for found in (alone, document)
-        ]
-        apart = np.linalg.norm(points[0][:, None] - points[1][None], axis=2)
-        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2.4 * film.robot.length / 60
-    assert len(asked) == 3
-    # another robot has a locus of its own
-    asked.clear()
-    film_documents([films[0], filmed("biglide", "across"), films[2]])
-    assert asked == ["five_bar", "biglide"]
 
 
 def test_a_path_is_tracked_once_for_its_film(monkeypatch):

@@ -1,7 +1,5 @@
 """Robots and films as pictures for paper, slides and READMEs."""
 
-from __future__ import annotations
-
 import io
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Figures hold the plan's numbers, say their units, and show where the crossings are."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -11,12 +9,14 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, Line, ParallelRobot, plan_crossing, plan_scene
+from framework import InvalidInput, Line, ParallelRobot, fidelity_study, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.show import plots
 from framework.show.film import film_plan
+from framework.show.map import plot_locus
 from framework.show.plots import plot_eyes, plot_phase_plane
-from framework.show.style import new_figure
+from framework.show.study_figures import plot_fidelity
+from framework.show.style import LOCUS, new_figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
 
@@ -259,3 +259,54 @@ def test_an_optimal_law_is_saved_with_its_phase_plane(tmp_path, crossing_plan):
     plan = plan_crossing(robots.load("five_bar"), crossing_plan.path, duration=1.5, law="optimal")
     assert "phase_plane.png" in {path.name for path in plots.save_figures(plan, tmp_path)}
     assert not [path for path in tmp_path.glob("*") if path.stat().st_size == 0]
+
+
+# the figure of a fidelity study draws the errors that were measured, and the crossing
+
+
+def test_a_curve_for_each_rung_with_torques_of_its_own():
+    study = fidelity_study(robots.load("five_bar"), "C")
+    drawn = plot_fidelity(study).figure
+    own = [comparison for comparison in study.levels if not comparison.same_as]
+    s = study.highest.law(study.times)
+    for ax, errors in zip(drawn.axes, ("torque_error", "platform_error"), strict=True):
+        *curves, tolerance, crossing = ax.lines
+        for curve, comparison in zip(curves, own, strict=True):
+            x, y = curve.get_data()
+            np.testing.assert_array_equal(x, s)
+            np.testing.assert_allclose(
+                np.nan_to_num(y), np.nan_to_num(getattr(comparison, errors)), rtol=0, atol=1e-12
+            )
+        assert set(tolerance.get_ydata()) == {study.tolerance}
+        assert set(crossing.get_xdata()) == {study.highest.crossings[0].s}
+
+
+# maps: the locus of the 5R is where its rods are in line, by the geometry of the robot alone
+
+
+def rods_in_line(x, y):
+    """Sine of the angle between the rods of the 5R, elbows outward."""
+    ends = []
+    for motor, side in ((np.array([-0.2, 0.0]), 1.0), (np.array([0.2, 0.0]), -1.0)):
+        way = np.array([x, y]) - motor
+        half = np.linalg.norm(way) / 2
+        across = side * np.sqrt(max(0.25**2 - half**2, 0.0)) * np.array([-way[1], way[0]]) / (2 * half)
+        rod = np.array([x, y]) - (motor + way / 2 + across)
+        ends.append(rod / np.linalg.norm(rod))
+    return ends[0][0] * ends[1][1] - ends[0][1] * ends[1][0]
+
+
+def test_the_locus_on_the_map_is_where_the_rods_are_in_line():
+    robot = robots.load("five_bar")
+    ax = plot_locus(robot, plan_scene(robot, "C"))
+    drawn = [line.get_xydata() for line in ax.lines if line.get_color() == LOCUS]
+    points = np.concatenate(drawn)
+    points = points[np.isfinite(points).all(axis=1)]
+    assert len(points) > 50
+    assert max(abs(rods_in_line(*point)) for point in points) < 1e-6
+    assert ax.get_xlabel() == "x  [m]"
+
+
+def test_a_robot_without_a_plane_has_no_map():
+    with pytest.raises(InvalidInput, match="two translations"):
+        plot_locus(robots.load("gough_stewart"))

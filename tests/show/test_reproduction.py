@@ -1,16 +1,13 @@
 """The call that a report tells asks for the plan that the report is about."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, Polyline, Spline, plan_crossing, plan_scene, public
+from framework import Arc, Line, Polyline, Spline, plan_scene, public
 from framework.planning.request import Request
-from framework.show.report import given_options, python_call
+from framework.show.report import python_call
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ARC = Arc([0.1, 0.345], [0.03, 0.28], [-0.05, 0.195])
@@ -55,8 +52,3 @@ def test_a_path_says_how_to_make_it():
     spline = Spline([[0.0, 0.1], [1.0, 1.0], [2.0, 0.5]])
     for path in (LINE, ARC, spline):
         assert eval(repr(path), vars(public)) == path
-
-
-def test_the_plan_of_the_call_is_the_plan(plan):
-    again = plan_crossing(plan.robot, plan.path, **given_options(plan))
-    np.testing.assert_array_equal(again.law.coefficients, plan.law.coefficients)

@@ -1,7 +1,5 @@
 """The page is served to this machine alone, and answers without falling over."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import threading

@@ -1,7 +1,5 @@
 """The visuals of a URDF as shapes: what cannot be drawn is left out, without a line on the console."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From where robots are looked at: what has to be seen is seen."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

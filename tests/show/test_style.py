@@ -1,7 +1,5 @@
 """The colours of figures and pages: told apart by everybody, readable, and written in one place."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """Radau IIA tables against their defining properties and the two-stage table in print."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

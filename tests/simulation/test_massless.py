@@ -1,7 +1,5 @@
 """Parts without mass: found from the balance of their springs, and refused when nothing balances."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

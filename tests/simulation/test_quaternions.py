@@ -5,8 +5,6 @@ the arm; the witness is a tree with a ball joint there, integrated with pinocchi
 algorithm.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,7 @@
 """`simulate` on plans, torques and controllers: back on the path, energy kept, errors that name the thing."""
 
-from __future__ import annotations
-
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,13 @@ import pytest
 
 import robots
 from framework import InvalidInput, NotConverged, ParallelRobot, plan_scene, simulate
+from framework.kinematics import closures
 from framework.simulation import Event
 from framework.simulation.drive import Drive
 from robots.generators import n_four_bar
+from tests.oracles.equations_of_motion import defects_of
 from tests.oracles.forward_simulation import simulate_robot
+from tests.robots.every_robot import crossing
 
 
 @pytest.fixture(scope="module")
@@ -348,3 +350,55 @@ def test_a_plan_of_another_mechanism_is_refused(planned, driven):
     scene = next(iter(robot.description.scenes))
     with pytest.raises(InvalidInput, match="of another build"):
         simulate(robots.load(driven), plan_scene(robot, scene).dynamics, method="stiff")
+
+
+# a zero at the very instant where one step ends and the next begins is seen, and once
+
+
+@pytest.mark.parametrize("method", ["reference", "stiff", "fast"])
+def test_a_zero_between_two_steps_is_seen_once(method):
+    robot = robots.load("five_bar")
+    for instant in np.linspace(0.01, 0.09, 9):
+        event = Event(lambda t, q, v, instant=instant: t - instant)
+        result = simulate(
+            robot, lambda t: [0, 0], method=method, duration=0.1, breaks=[instant], events=[event]
+        )
+        assert [one.time for one in result.occurrences] == pytest.approx([instant], abs=1e-14)
+
+
+@pytest.mark.parametrize("value", [np.nan, None, [1.0, 2.0], "a"])
+def test_what_is_no_number_is_refused(value):
+    event = Event(lambda t, q, v: value if t > 0.02 else 1.0, name="gauge")
+    with pytest.raises(InvalidInput, match="gauge"):
+        simulate(robots.load("five_bar"), lambda t: [0, 0], duration=0.05, events=[event])
+
+
+# a fault in what planner and simulator share
+
+
+SHIFT = 0.01  # [m]
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("three_rpr", "three_rrr")]
+
+
+@pytest.mark.parametrize("name", ["five_bar", "biglide", "delta", "gough_stewart", *SLOW])
+def test_loops_shifted_in_the_code_that_all_share_are_seen_by_the_witness_alone(name, monkeypatch):
+    """Every loop closes 10 mm beside itself, along the x axis of its first frame."""
+    original = closures.loop_wrenches
+
+    def shifted(rows, at):
+        loops = original(rows, at)
+        along_x = rows.translation & (rows.first_axis == 0)
+        return loops._replace(residual=loops.residual + SHIFT * along_x)
+
+    for module in [module for key, module in sys.modules.items() if key.startswith("framework.")]:
+        if getattr(module, "loop_wrenches", None) is original:
+            monkeypatch.setattr(module, "loop_wrenches", shifted)
+    robot = robots.CATALOGUE[name].load()
+    plan = crossing(robot, times=None, speeds=None)
+    assert plan.certificate.max_closure_error < 1e-12
+    followed = simulate(robot, plan)
+    assert followed.closure_error < 1e-11
+    assert followed.tracking_error < 1e-7  # a wrong robot, and nobody who could tell
+    assert defects_of(plan).open > 0.5 * SHIFT

@@ -4,8 +4,6 @@ Coordinates: the crank's angle, the slide, and the ball screw before its spring.
 crank's pin to the slider, and its spring feels what the distance differs from 0.12 m.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

@@ -1,7 +1,5 @@
 """Fixed steps: of second order, without drift, alike alone and in stacks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +8,6 @@ import pytest
 import robots
 from framework import InvalidInput, NotConverged, plan_scene, simulate
 from framework.simulation import Stepper
-from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.methods import ContactDynamics
 
 
 def held_torque(robot, plan, scheme, steps):
@@ -49,55 +45,6 @@ def test_halving_the_step_quarters_the_error(name, flexibility, scheme):
 def test_the_scheme_is_chosen_by_the_springs(flexibility):
     stepper = Stepper.of(robots.load("five_bar", flexibility=flexibility))
     assert stepper.scheme == ("extrapolated" if flexibility == "flexible_links" else "midpoint")
-
-
-def test_a_stack_of_other_robots_is_each_of_them_alone():
-    robot = robots.load("five_bar_heavy")
-    plan = plan_scene(robot, "C")
-    others = []
-    for extra in (0.0, 0.5, 1.0):
-        model = robot.model.copy()
-        model.inertias[2].mass += extra
-        others.append(replace(robot, model=model, rotor_inertia=(1 + extra) * robot.rotor_inertia))
-    q, v = plan.dynamics.configuration([0.3, 0.5, 0.7]), plan.dynamics.velocity([0.3, 0.5, 0.7])
-    torque = plan.torque(np.array([0.3, 0.5, 0.7]))
-    together = Stepper.of(others, damping=0.1)
-    stacked = together.step(q, v, torque, 1e-3)
-    x, twist = together.platform(*stacked)
-    for k, other in enumerate(others):
-        alone = Stepper.of(other, damping=0.1)
-        state = alone.step(q[k], v[k], torque[k], 1e-3)
-        np.testing.assert_allclose(stacked.q[k], state.q, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(stacked.v[k], state.v, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(x[k], alone.platform(*state)[0], atol=1e-14)
-        np.testing.assert_allclose(twist[k], alone.platform(*state)[1], atol=1e-12)
-    assert np.abs(stacked.v[1] - stacked.v[0]).max() > 1e-3
-
-
-def test_pinocchio_s_contact_dynamics_steps_alike():
-    """Another solver, of order 4: what is left is the error of the midpoint rule."""
-    robot = robots.load("biglide", flexibility="flexible_joints")
-    plan = plan_scene(robot, "across")
-    times = np.array([0.3, 0.5])
-    q, v = plan.dynamics.configuration(times), plan.dynamics.velocity(times)
-    stepper = Stepper.of([robot, robot], scheme="midpoint", damping=0.1)
-    equations = EquationsOfMotion.of(robot, 0.1)
-    contacts, torque = ContactDynamics.of(equations, closing=0.05), plan.torque(times)
-    off = []
-    for h in (1e-3, 5e-4):
-        new = stepper.step(q, v, torque, h)
-        for k, force in enumerate(equations.motor_forces(torque)):
-            off.append(np.abs(new.v[k] - contact_step(contacts, q[k], v[k], force, h)).max())
-    assert max(off[2:]) < max(off[:2]) / 6  # h^3
-
-
-def contact_step(contacts, q, v, force, h):
-    """The velocities a step h later by the classical method of order 4."""
-    a1 = contacts.acceleration(q, v, force)
-    a2 = contacts.acceleration(q + h / 2 * v, v + h / 2 * a1, force)
-    a3 = contacts.acceleration(q + h / 2 * (v + h / 2 * a1), v + h / 2 * a2, force)
-    a4 = contacts.acceleration(q + h * (v + h / 2 * a2), v + h * a3, force)
-    return v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
 def test_one_robot_serves_many_runs_and_one_that_is_lost_disturbs_none():

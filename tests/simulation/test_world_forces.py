@@ -1,7 +1,5 @@
 """Wrenches of the world in simulation: planned torques bring the robot along its path under them."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is drawn as the locus is singular, by each mechanism's own geometry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

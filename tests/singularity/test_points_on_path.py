@@ -1,9 +1,5 @@
 """Singular points on a path against the closed-form locus of the planar 5R."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,15 +9,12 @@ from framework import (
     InvalidInput,
     Line,
     OutOfReach,
-    ParallelRobot,
     SingularPath,
     Spline,
-    Type1Singularity,
     assemble,
     locate_singularities,
     track_path,
 )
-from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
@@ -95,18 +88,6 @@ def test_a_tangential_touch_is_found_though_g_keeps_its_sign(robot, crank):
     assert np.all(g[:45] * g[56:] > 0)
 
 
-@pytest.mark.parametrize(("depth", "count"), [(1e-5, 2), (-1e-5, 0)])
-def test_beside_a_touch_there_are_two_crossings_or_none(robot, depth, count):
-    middle, tangent = locus(1.7), locus_tangent(1.7)
-    reach = 0.06 * tangent / np.linalg.norm(tangent)
-    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
-    # the curve bends to one side of its tangent: shift towards it to cross twice, away to miss
-    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
-    shift = depth * inside * normal
-    found = locate_singularities(robot, Line(middle - reach + shift, middle + reach + shift))
-    assert [point.contact for point in found] == ["transversal"] * count
-
-
 def test_tangential_touch_by_an_exact_arc_is_located_to_1e_12(robot):
     # by symmetry the locus is horizontal on the axis x = 0; an arc symmetric to it touches there
     top = locus(float(np.arccos(-0.2)))
@@ -118,53 +99,15 @@ def test_tangential_touch_by_an_exact_arc_is_located_to_1e_12(robot):
     assert point.s == pytest.approx(0.5, abs=1e-12)
 
 
-def test_out_of_reach_names_the_leg_and_the_place(robot):
-    # straight up from x = 0.1: the left leg, longer stretched, ends first, at |C - A| = 0.5
-    with pytest.raises(OutOfReach, match="leg of left_motor") as caught:
-        locate_singularities(robot, Line([0.1, 0.345], [0.1, 0.6]))
-    assert caught.value.platform[1] == pytest.approx(0.4, abs=1e-6)
-    with pytest.raises(OutOfReach, match="leg of right_motor") as caught:
-        locate_singularities(robot, Line([-0.05, 0.345], [-0.1, 0.6]))
-    assert np.linalg.norm(caught.value.platform - RIGHT) == pytest.approx(0.5, abs=1e-6)
-
-
 def test_a_start_out_of_reach_is_said_so(robot):
     with pytest.raises(OutOfReach, match="way from the reference"):
         locate_singularities(robot, Line([0.1, 0.7], [0.1, 0.345]))
-
-
-def test_a_path_that_stretches_a_leg_in_passing_is_a_type_1_singularity(robot):
-    angle = np.deg2rad(60)
-    spoke = np.array([np.cos(angle), np.sin(angle)])
-    touch = LEFT + 0.5 * spoke
-    centre, radius = touch - 0.1 * spoke, 0.1  # a circle that touches the reach from inside
-    around = [centre + radius * np.array([np.cos(angle + d), np.sin(angle + d)]) for d in (-0.6, 0.0, 0.9)]
-    with pytest.raises((Type1Singularity, OutOfReach), match="left_motor") as caught:
-        locate_singularities(robot, Arc(*around))
-    assert caught.value.s == pytest.approx(0.6 / 1.5, abs=1e-3)
-
-
-def test_a_path_that_folds_a_leg_in_passing_is_refused(robot):
-    # equal crank and rod: the payload over the left motor leaves the crank free to turn
-    with pytest.raises((Type1Singularity, OutOfReach), match="left_motor") as caught:
-        locate_singularities(robot, Line([-0.13, 0.07], [-0.27, -0.07]))
-    assert caught.value.s == pytest.approx(0.5, abs=1e-2)
 
 
 @pytest.mark.parametrize("x", [[0.1], [0.1, np.nan], [0.1, 0.2, 0.3]])
 def test_assemble_refuses_what_is_no_platform_point(robot, x):
     with pytest.raises(InvalidInput, match="2 finite numbers"):
         assemble(robot, x)
-
-
-@pytest.mark.parametrize("depth", [-1e-11, -1e-12])
-def test_a_near_miss_is_no_singular_point(robot, depth):
-    middle, tangent = locus(1.7), locus_tangent(1.7)
-    reach = 0.06 * tangent / np.linalg.norm(tangent)
-    normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
-    inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
-    shift = depth * inside * normal
-    assert locate_singularities(robot, Line(middle - reach + shift, middle + reach + shift)) == ()
 
 
 class AlongTheLocus:
@@ -186,18 +129,6 @@ class AlongTheLocus:
 def test_a_path_along_the_locus_is_told_as_such(robot):
     with pytest.raises(SingularPath, match="runs along a singularity"):
         locate_singularities(robot, AlongTheLocus())
-
-
-@pytest.mark.parametrize(("name", "scene"), [("biglide", "across"), ("delta", "cross"), ("five_bar", "C")])
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_singular_points_do_not_hang_on_what_counts_as_the_length_of_the_robot(name, scene, factor):
-    """A small mechanism on a long robot has a small g all along; its roots are roots all the same."""
-    robot = robots.load(name)
-    path = scene_path(robot.description.scenes[scene])
-    (point,) = locate_singularities(robot, path)
-    (other,) = locate_singularities(ParallelRobot.of(replace(robot, length=factor * robot.length)), path)
-    assert other.s == pytest.approx(point.s, abs=1e-13)
-    np.testing.assert_allclose(other.twist, point.twist, atol=1e-9)
 
 
 class Shaking:

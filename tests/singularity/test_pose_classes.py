@@ -1,7 +1,5 @@
 """Each kind of singularity at a robot that has it, at poses built by geometry; distances by closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

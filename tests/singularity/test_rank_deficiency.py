@@ -1,7 +1,5 @@
 """Where a matrix loses rank along a path, against matrices Q(s) D(s) R(s)' with D known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

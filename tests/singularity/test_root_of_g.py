@@ -1,21 +1,14 @@
 """The root of g: where a matrix of known determinant loses rank, whatever moves it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-import robots
-from framework import Line, locate_singularities, plan_crossing, track_path
-from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.singularity.bordered_system import (
     DIFFERENCE_STEP,
     differentiate_g,
     root_of_g,
     stencil,
 )
-
-LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
 
 def moved_by(values, seed: int = 3):
@@ -72,24 +65,3 @@ def test_the_slope_is_the_derivative_of_the_singular_value(place):
     assert found.g == pytest.approx(0.0, abs=1e-15)
     # at the upper end nothing lies beyond
     assert abs(found.upper) == pytest.approx(0.0 if place == 1.0 else DIFFERENCE_STEP, rel=1e-3, abs=1e-15)
-
-
-def test_path_and_time_lead_to_the_same_singular_point():
-    """The same g once as a function of s, once as one of t under a law: the roots belong together."""
-    robot = robots.load("five_bar")
-    (point,) = locate_singularities(robot, LINE)
-    branch = track_path(robot, LINE)
-    plan = plan_crossing(robot, LINE, duration=1.5)
-
-    def of_s(s):
-        return type2_matrix(robot, branch.close(s).linearised)
-
-    def of_t(t):
-        return type2_matrix(robot, linearised_at(robot, plan.dynamics.configuration(t), plan.platform(t)))
-
-    (crossing,) = plan.crossings
-    s = root_of_g(of_s, point.s + 1e-3).place
-    t = root_of_g(of_t, crossing.time - 2e-3, high=plan.duration).place
-    assert s == pytest.approx(point.s, abs=1e-13)
-    assert t == pytest.approx(crossing.time, abs=1e-12)
-    assert float(plan.law(t)) == pytest.approx(s, abs=1e-12)

@@ -1,7 +1,5 @@
 """Singular points move with the deflections at the rate that `locate` tells."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

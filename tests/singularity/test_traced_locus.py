@@ -1,7 +1,5 @@
 """Traced loci against the geometry of each mechanism: conics, coupler curves, rods that meet in a point."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -10,8 +10,6 @@ Source of robot and lengths: Innocenti and Parenti-Castelli 1998, after Zein, We
 25, 2007.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import product
 

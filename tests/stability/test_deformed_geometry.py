@@ -9,8 +9,6 @@ What we do: singular point, condition and deflections are found together, in a f
 then holds through the crossing, at each instant.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

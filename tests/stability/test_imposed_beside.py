@@ -8,8 +8,6 @@ its terms. Above 1e-11 of them it is a pole and no torque is returned; below, it
 what is returned is the torque of the true crossing.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -8,8 +8,6 @@ What we do: each public entry refuses what is not a finite number of a size that
 it. Instants outside the motion are refused as well: a polynomial goes on there, and means nothing.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -8,8 +8,6 @@ What we do: alpha is weighed against the force that s" = 1 can ask for at all. A
 straight one beta and gamma vanish as well, no s" is asked for, and it passes with s" = 0.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -11,8 +11,6 @@ is planned, checked and located as the one in the catalogue, and torques of the 
 torques to 1e-12 of the peak.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

@@ -8,8 +8,6 @@ What we do: positions come from the path, by inverse kinematics, which is regula
 circle is a crossing like others; a path along the circle is refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

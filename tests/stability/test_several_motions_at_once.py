@@ -10,8 +10,6 @@ contradict each other. Where they agree the robot passes: straight down it falls
 Beside the flat pose there are three crossings, each of its own, and each is found.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,34 +24,9 @@ from framework import (
     simulate,
 )
 from tests.oracles import naive
-from tests.robots.test_gough_stewart import PLATE, gradient, kinetic_energy, plucker, potential_energy
+from tests.robots.test_gough_stewart import gradient, kinetic_energy, plucker, potential_energy
 
 START = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # and to the opposite pose, through the flat one
-
-
-def left_over() -> tuple[float, np.ndarray]:
-    """s" [1/s^2] that a single condition (8) asks for, and what is left along three null vectors [N, N m]."""
-    nearly_flat = 1e-14 * START  # the legs' lines are not told from flat by rounding, as on a computed pose
-    null = np.linalg.svd(plucker(nearly_flat))[2][3:]  # (3, 6)
-    mass, across, axial = PLATE
-    inertia = np.array([mass, mass, mass, across, across, axial])
-    push, weight = -2 * START * inertia, np.array([0.0, 0.0, mass * 9.81, 0.0, 0.0, 0.0])
-    acceleration = -(null[-1] @ weight) / (null[-1] @ push)
-    return float(acceleration), np.abs(null @ (push * acceleration + weight))
-
-
-def test_a_single_condition_leaves_the_other_wrenches():
-    acceleration, left = left_over()
-    assert np.isfinite(acceleration)
-    assert left[-1] < 1e-9 * left.max()  # the one that was asked for
-    assert left.max() > 100.0  # [N or N m]: residues of poles
-
-
-def test_the_determinant_shows_one_crossing_where_rank_falls_by_three():
-    values = np.linalg.svd(plucker(1e-14 * START), compute_uv=False)
-    assert np.sum(values < 1e-12) == 3
-    path = Line(START, -START)
-    assert len(naive.sign_changes(lambda s: float(np.linalg.det(plucker(path(s)))), 200)) == 1
 
 
 def test_we_count_them_and_refuse_what_they_cannot_have_together():

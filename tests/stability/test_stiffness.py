@@ -8,18 +8,14 @@ What we do: the torque is that of the loads, the deflection is torque / k, and n
 Springs too soft for the motion are refused as such.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 import robots
-from framework import NoAnswer, ParallelRobot, plan_scene
+from framework import ParallelRobot, plan_scene
 from tests.oracles import five_bar as oracle
-from tests.stability.test_deformed_geometry import imbalance
 
 STIFFNESSES = 10.0 ** np.arange(2, 13)
 TIMES = (0.2, 0.7, 0.999, 1.0, 1.3)  # [s]
@@ -72,30 +68,8 @@ def our_error(stiffness: float) -> float:
 
 
 def test_torque_from_the_ends_of_a_stiff_spring_loses_its_digits():
-    naive, ours = (np.array([error(k) for k in STIFFNESSES]) for error in (naive_error, our_error))
-    assert naive[-1] > 1e-6
-    assert naive[-1] / naive[-5] > 1e3  # ten times as stiff, one digit less
+    stiffnesses = STIFFNESSES[::-4]
+    naive, ours = (np.array([error(k) for k in stiffnesses]) for error in (naive_error, our_error))
+    assert naive[0] > 1e-6
+    assert naive[0] / naive[1] > 1e3  # ten times as stiff, one digit less
     assert ours.max() < 1e-12  # whatever the stiffness: rounding of 64 nodes and two derivatives
-
-
-@pytest.mark.slow
-def test_rods_balance_or_are_refused_as_too_soft():
-    refused, differences = [], []
-    t = np.linspace(0.0, 1.5, 61)
-    for stiffness in STIFFNESSES:
-        try:
-            plan = plan_scene(with_springs("link", stiffness), "C")
-        except NoAnswer:
-            refused.append(stiffness)
-            continue
-        load = 10.0 * np.abs(plan.platform(t, 2)).max()
-        for instant in t:
-            x, push = plan.platform(instant), 10.0 * plan.platform(instant, 2)
-            left = imbalance(float(x[0]), float(x[1]), push, plan.deflection(instant)[2:], stiffness)
-            assert np.abs(left).max() < 1e-9 * load
-        differences.append(np.abs(plan.deflection(t)[:, 2:]).max() * stiffness)
-    assert (
-        max(refused, default=0.0) <= 1e3
-    )  # 10 N and more on 1 N/mm: a centimetre, and the locus moves by more
-    # force = k times deflection tends to that of the rigid robot
-    assert differences[-1] == pytest.approx(differences[-2], rel=1e-6)

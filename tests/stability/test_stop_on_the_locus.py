@@ -8,12 +8,10 @@ What we do: such a path is refused and told from one that ends a little before, 
 large, finite and computed (and the optimal law, of lower peak, is taken where the law is open).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from framework import Law, Line, NoAnswer, NoLaw, plan_crossing
+from framework import Line, NoAnswer, NoLaw, plan_crossing
 from tests.oracles import planar
 from tests.oracles.planar import exact, mp, without_rotors
 from tests.singularity.test_points_on_path import locus
@@ -29,15 +27,6 @@ def end_before(gap: float) -> Line:
     return Line(START, ON_IT - gap * way / np.linalg.norm(way))
 
 
-def sampled_end(samples: int, smoothness: int = 2, gap: float = 0.0) -> float:
-    """Torque [N m] at the last sample but one of a motion from rest to rest, by the formula."""
-    law, path = Law.rest_to_rest(1.5, smoothness), end_before(gap)
-    t = 1.5 * (1 - 1 / (samples - 1))
-    x = path(law(t))
-    force = tuple(10.0 * float(law(t, 2)) * (path.end - path.start))
-    return float(np.abs(planar.load_torque(float(x[0]), float(x[1]), force)).max())
-
-
 def peak(gap: float) -> tuple[float, float]:
     """Largest torque [N m] when the path ends `gap` short of the locus: ours, and in fifty digits there."""
     path = end_before(gap)
@@ -50,14 +39,6 @@ def peak(gap: float) -> tuple[float, float]:
     x = [a + s * (b - a) for a, b in zip(start, end, strict=True)]
     true = planar.load_torque(*x, tuple(push * (b - a) for a, b in zip(start, end, strict=True)))
     return float(np.abs(plan.torque(worst)).max()), float(max(abs(part) for part in true))
-
-
-@pytest.mark.parametrize("smoothness", [2, 3, 4])
-def test_sampled_torques_grow_fourfold_with_twice_the_samples(smoothness):
-    # the formula knows the way that is left, 1e-9 of the path at these samples, to seven digits
-    coarse, fine = sampled_end(201, smoothness), sampled_end(401, smoothness)
-    assert fine / coarse == pytest.approx(4.0, rel=0.02)
-    assert fine > 1e3  # [N m]; on the way the motors need 0.1
 
 
 def test_a_stop_on_the_locus_is_refused_at_all_smoothness():

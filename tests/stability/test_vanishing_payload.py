@@ -7,8 +7,6 @@ Why: a pole is a matter of proportion; and all bodies pull along t_s, not the pa
 What we do: what is left along t_s is compared with the sum of its own terms, all bodies included.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -7,8 +7,6 @@ What we do: a step counts only if the corrector stays small against the predicto
 its sign; else it is halved. A path that meets the fold is refused, with the leg and the place.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -50,14 +48,14 @@ def test_newton_flips_the_leg_where_we_keep_it():
     assert ours.max() < 1e-11  # the crank turns by 1 / distance times the path
 
 
-@pytest.mark.parametrize("distance", [0.0, 1e-12, 1e-8])
+@pytest.mark.parametrize("distance", [0.0, 1e-8])
 def test_on_the_motor_the_path_is_refused_with_the_leg(distance):
     with pytest.raises((Type1Singularity, OutOfReach), match="leg of left_motor") as caught:
         locate_singularities(robots.load("five_bar"), past_the_motor(distance))
     assert caught.value.s == pytest.approx(0.5, abs=0.02)
 
 
-@pytest.mark.parametrize("short", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 0.0, -1e-8, -1e-4])
+@pytest.mark.parametrize("short", [1e-2, 1e-4, 1e-8, 0.0, -1e-8])
 def test_near_the_stretched_leg_the_branch_is_kept_or_the_path_refused(short):
     robot, motor = robots.load("five_bar"), np.array([-0.2, 0.0])
     middle = np.deg2rad(60)
@@ -66,8 +64,9 @@ def test_near_the_stretched_leg_the_branch_is_kept_or_the_path_refused(short):
     path = Arc(*(centre + 0.1 * np.column_stack([np.cos(turned), np.sin(turned)])))
     s = np.linspace(0.0, 1.0, 101)
     if short <= 0:
-        with pytest.raises((Type1Singularity, OutOfReach), match="leg of left_motor"):
+        with pytest.raises((Type1Singularity, OutOfReach), match="leg of left_motor") as caught:
             track_path(robot, path)
+        assert short < 0 or caught.value.s == pytest.approx(0.6 / 1.5, abs=1e-3)
         return
     exact = np.array([oracle.inverse_kinematics(x) for x in path(s)])
     ours = track_path(robot, path).close(s).q[:, robot.actuated]

@@ -8,8 +8,6 @@ What we do: the torque is a Chebyshev series through nodes that stay clear of th
 quotient between two nodes is no event for it.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -5,8 +5,6 @@ so. Where they must run, as in CI, the environment sets CROSSING_WITNESS=require
 a failure.
 """
 
-from __future__ import annotations
-
 import os
 from importlib import import_module
 from types import ModuleType

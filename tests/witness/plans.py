@@ -1,7 +1,5 @@
 """Planned motions that the witnesses are driven along, and laws that are wrong on purpose."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The simulators as rows of the chart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,6 +21,7 @@ def test_other_simulators_go_along_the_path_too(method):
     assert 1.5 < np.log2(coarse / fine) < 4.5
 
 
+@pytest.mark.slow
 def test_toppra_keeps_the_limit_at_its_nodes_and_ours_between_them_too():
     pytest.importorskip("toppra")
     ours, toppra = row("optimal", "ours", 500), row("optimal", "toppra", 400)

@@ -1,7 +1,5 @@
 """Maps and studies through a local dask cluster are those of one process, byte for byte."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

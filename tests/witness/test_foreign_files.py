@@ -6,8 +6,6 @@ turn there), `mj_inverse` says what the open tree needs, with the file's armatur
 springs, and the Jacobian of its equalities what the loops take off the joints without a motor.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -129,7 +127,9 @@ def difference(description, model):
     return np.abs(needed - plan.torque(times)).max() / np.abs(needed).max()
 
 
-@pytest.mark.parametrize("damped", [True, False], ids=["damped", "undamped"])
+@pytest.mark.parametrize(
+    "damped", [pytest.param(True, id="damped"), pytest.param(False, id="undamped", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
 def test_torques_of_a_converted_file_are_those_of_mujoco(file, damped):
     assert greatest_difference(file, damped=damped) < 1e-4

@@ -4,8 +4,6 @@ MuJoCo computes what the open tree needs, with its own armature, damping and spr
 own equalities; the motors then balance the power along every motion that these leave free.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import import_module
 
@@ -76,6 +74,7 @@ def test_torques_are_those_of_mujoco_s_inverse_dynamics(name, scene):
         assert power_left(robot, plan, t) < 1e-7
 
 
+@pytest.mark.slow
 def test_torques_of_an_optimal_crossing_with_damping_and_armature_are_those_of_mujoco():
     description = robots.load("five_bar_heavy").description
     robot = ParallelRobot.from_description(replace(description, joints=acting(description, 3)))

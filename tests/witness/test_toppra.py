@@ -1,7 +1,5 @@
 """Least time against toppra (Pham and Pham, IEEE T-RO 34, 2018), with a crossing too: extra `witness`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

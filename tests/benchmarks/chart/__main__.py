@@ -4,8 +4,6 @@ Every method in one run, against references that share no code with it: for each
 and a table (.csv, .md, .json). Peers that are not installed are left out and named.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """A robot of several loops along a path, and the ways to its torques that some stages compare."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from dataclasses import dataclass, replace

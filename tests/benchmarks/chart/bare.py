@@ -5,8 +5,6 @@ It stands for what others can do without us, at its best: no checks, every pose 
 The platform's axes are x, y, z as far as it has them, then rotations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

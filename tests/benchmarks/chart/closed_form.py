@@ -13,8 +13,6 @@ A quotient 0/0 at the singular instant costs as many digits as the instant is ne
 Source: Briot and Arakelian 2010, section 3; condition (8) is W x p = 0 where the rods are parallel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
@@ -173,6 +171,13 @@ class ExactMotion:
     def law(self, t: Decimal, order: int = 0) -> Decimal:
         """s or its derivative [1/s^order]."""
         return sum((c * _slope(t, k, order) for k, c in enumerate(self.powers)), Decimal(0))
+
+    def singular_time(self) -> Decimal:
+        """The instant [s] at which the path is singular, by Newton's method."""
+        t = CROSSING_TIME
+        for _ in range(60):
+            t -= (self.law(t) - self.s_c) / self.law(t, 1)
+        return t
 
     def platform(self, times: Iterable[float]) -> Array:
         """Payload (T, 2) [m] at times (T,) [s]."""

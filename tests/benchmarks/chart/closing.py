@@ -5,8 +5,6 @@ With the platform given a Type 2 singularity is no event. With the motors given 
 is found is off by the square root of what the equations are solved to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import NamedTuple
@@ -222,7 +220,7 @@ STAGE = Stage(
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the cranks  [rad]",
     methods=(
-        _declared("stacked_newton", "ours, Newton on all poses at once", _ours, kind="ours"),
+        _declared("stacked_newton", "ours, Newton on all poses at once", _ours),
         _declared("newton", "Newton, Pinocchio pose by pose", _one_by_one(newton), source=_BARE),
         *(
             _declared(
@@ -246,7 +244,7 @@ STAGE = Stage(
             given="nothing",
             unit="evaluations",
             settings=singles(1),
-            kind="frontier",
+            frontier=True,
         ),
     ),
     judge=judge,

@@ -6,8 +6,6 @@ are affine in accelerations and quadratic in rates, so that wide steps are exact
 order 2, 4 and 8, over steps about the one that loses the fewest digits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 
@@ -110,31 +108,29 @@ def _methods(name: str) -> tuple[Method, ...]:
         return lambda setting: lambda: way(name, *setting)
 
     declared = partial(Method, given="joints; x', x\"", panel=PANELS[name])
-    in_calls, source = "instants a call", "dynamics_at, all points in one stack"
+    in_calls = "instants a call"
     return (
         declared(
             f"{name}-stack",
             "ours, exact, in one stack",
+            prepare(ours),
             unit=in_calls,
             settings=singles(COUNT),
-            prepare=prepare(ours),
-            kind="ours",
         ),
         declared(
             f"{name}-calls",
             "ours, exact, call by call",
+            prepare(ours),
             unit=in_calls,
             settings=singles(1),
-            prepare=prepare(ours),
-            kind="ours",
         ),
         declared(
             f"{name}-differences",
             "differences in one stack",
+            prepare(differences),
             unit="step, order",
             settings=ORDERS,
-            prepare=prepare(differences),
-            source=source,
+            source="dynamics_at, all points in one stack",
         ),
     )
 

@@ -6,8 +6,6 @@ the farther the softer they are. Links have no mass here, so no derivative of a 
 equation, and plain repetition has an easy task.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -170,8 +168,8 @@ STAGE = Stage(
     reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
     error="largest error of the rods over their largest",
     methods=(
-        _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed"), kind="ours"),
-        _declared("small", "ours, small displacements", partial(_planned, geometry="rigid"), kind="ours"),
+        _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed")),
+        _declared("small", "ours, small displacements", partial(_planned, geometry="rigid")),
         _declared(
             "repeated", "plain repetition", partial(_repeated, moved=True), given=_GIVEN, source=_PLAIN
         ),

@@ -11,8 +11,6 @@ singular point. The elongations at the crossing itself, where the equations are 
 around it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
@@ -28,8 +26,6 @@ SMOOTHNESS = 4  # derivatives of s that vanish at both ends
 AROUND, WIDTH = 44, Decimal("0.5")  # instants about the crossing, and how far they reach [s]
 SETTLED = Decimal("1e-17")  # change of the singular point in s that ends the repetition
 MOST, ENOUGH = 60, Decimal("1e-40")  # steps of Newton's method, and its last one [m]
-
-BESIDE_STEP = Decimal("1e-9")  # [s] of differences: 1e-40 of Newton's method over its square is 1e-22
 Pair = tuple[Decimal, Decimal]
 
 
@@ -44,35 +40,6 @@ class ElasticMotion:
         """Elongations of both rods (T, 2) [m] at times (T,) [s]."""
         with localcontext(prec=rigid.DIGITS):
             return np.array([self._at(Decimal(float(t))) for t in times], dtype=float)
-
-    def torque(self, times: Array) -> Array:
-        """Motor torques (T, 2) [N m] at times (T,) [s]: tau = I_a n (q" + g"/k) + g/n, g the drives' torques.
-
-        The second derivatives are differences over BESIDE_STEP, which fifty digits bear.
-        """
-        with localcontext(prec=rigid.DIGITS):
-            return np.array([self._torque(Decimal(float(t))) for t in times], dtype=float)
-
-    def _torque(self, t: Decimal) -> tuple[float, float]:
-        stiffness, h = rigid.DRIVE_STIFFNESS * self.scale, BESIDE_STEP
-        before, here, after = (self._drives(t + k * h) for k in (-1, 0, 1))
-        found = []
-        for (_, g_1), (crank, g), (_, g_2), crank_1, crank_2 in zip(
-            before, here, after, (leg[0] for leg in before), (leg[0] for leg in after), strict=True
-        ):
-            turned = _angle(crank, crank_1) + _angle(crank, crank_2)
-            motor = (turned + (g_1 - 2 * g + g_2) / stiffness) / h**2
-            found.append(rigid.ROTOR_INERTIA * rigid.GEAR_RATIO * motor + g / rigid.GEAR_RATIO)
-        return float(found[0]), float(found[1])
-
-    def _drives(self, t: Decimal) -> list[tuple[rigid.Vector, Decimal]]:
-        """Crank [m] and torque of the drive [N m] of each leg, on the deformed robot."""
-        eps, load = self._at(t), _load(self.motion, t)
-        both = rigid.legs(rigid.on_line(self.motion.law(t)), eps)
-        return [
-            (crank, -share * rigid.cross(crank, rod))
-            for (crank, rod), share in zip(both, rigid.shares(both, load), strict=True)
-        ]
 
     def _at(self, t: Decimal) -> Pair:
         return elongations(self.motion, t, rigid.ROD_STIFFNESS * self.scale)
@@ -93,12 +60,6 @@ def followed(motion: rigid.ExactMotion, times: Iterable[Decimal], stiffness: Dec
             start = a_1 + share * (a_1 - a_0), b_1 + share * (b_1 - b_0)
         known.append((t, elongations(motion, t, stiffness, start)))
     return [eps for _, eps in known]
-
-
-def _angle(one: rigid.Vector, other: rigid.Vector) -> Decimal:
-    """The small angle from one crank to another: arcsin by its first two terms."""
-    sine = rigid.cross(one, other) / rigid.LENGTH**2
-    return sine + sine**3 / 6
 
 
 def _load(motion: rigid.ExactMotion, t: Decimal) -> rigid.Vector:

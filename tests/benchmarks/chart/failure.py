@@ -9,9 +9,8 @@ how far the payload comes off its path over the path's length. All have the sett
 printed: that is the point. Where nothing is returned, or no number, a method has refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -25,8 +24,7 @@ from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form, imposed, integrators, misfit
 from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.integrators import Case, Prepared
-from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs
-from tests.benchmarks.chart.outcome import Declared, Outcome
+from tests.benchmarks.chart.measure import Judged, Method, Outcome, Row, Setting, Stage, pairs
 from tests.benchmarks.chart.peers.five_bar import SIDES
 from tests.benchmarks.chart.reading import counts
 from tests.benchmarks.chart.variants import CHECKED, Variant
@@ -109,21 +107,28 @@ def _integrated(made: Callable[..., Prepared], *options: Any, tolerance: float |
 
 def _simulator(module: str) -> Callable[[Variant], Outcome]:
     def run(variant: Variant) -> Outcome:
-        simulate_ = import_module(f"tests.benchmarks.chart.peers.{module}").simulate
-        found = simulate_(
+        prepared = import_module(f"tests.benchmarks.chart.peers.{module}").prepared
+        found = prepared(
             variant.five_bar,
             variant.torque,
             variant.platform(0.0),
             step=variant.duration / STEPS,
             duration=variant.duration,
-        )
+        )()
         return _places(variant, found.time, found.platform)
 
     return run
 
 
-def _methods(cells: tuple[Setting, ...], variant_of: VariantOf) -> tuple[Declared, ...]:
+def _methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tuple[Method, ...]:
     """The methods of a panel over these variants of the robot."""
+
+    def prepared(run: Callable[[Variant], Outcome]) -> Callable[[Setting], Callable[[], Outcome]]:
+        def prepare(setting: Setting) -> Callable[[], Outcome]:
+            variant = variant_of(setting)
+            return lambda: run(variant)
+
+        return prepare
 
     def declared(
         name: str,
@@ -132,12 +137,8 @@ def _methods(cells: tuple[Setting, ...], variant_of: VariantOf) -> tuple[Declare
         given: str,
         source: str = "",
         package: str | None = None,
-    ) -> Declared:
-        def prepare(setting: Setting) -> Callable[[], Outcome]:
-            variant = variant_of(setting)
-            return lambda: run(variant)
-
-        return Declared(name, label, prepare, given, cells, source, package)
+    ) -> Method:
+        return Method(name, label, prepared(run), given, unit, cells, source, package)
 
     rk4 = _integrated(integrators.contact_runge_kutta)
     dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)
@@ -168,15 +169,17 @@ def _remark(rows: Sequence[Row]) -> str:
 _SIZES = pairs([10.0**k for k in (-6, -4, -2, 0, 2, 4)], [10.0**k for k in (-4, -2, 0, 2, 4)])
 _MASSES = pairs([10.0**k for k in (-9, -6, -3, 0, 3, 6)], [10.0**k for k in (-12, -9, -6, -3, 0)])
 PANELS = {
-    "imposed": (imposed.METHODS, imposed.UNIT),
-    "misfit": (misfit.METHODS, misfit.UNIT),
-    "sizes": (
-        _methods(_SIZES, lambda cell: Variant(size=cell[0], slower=cell[1])),
+    "imposed": imposed.METHODS,
+    "misfit": misfit.METHODS,
+    "sizes": _methods(
+        _SIZES,
         "size over the paper's, duration over the paper's",
+        lambda cell: Variant(size=cell[0], slower=cell[1]),
     ),
-    "masses": (
-        _methods(_MASSES, lambda cell: Variant(payload=cell[0], link=cell[0] * cell[1])),
+    "masses": _methods(
+        _MASSES,
         "payload [kg], mass of a link over the payload's",
+        lambda cell: Variant(payload=cell[0], link=cell[0] * cell[1]),
     ),
 }
 STAGE = Stage(
@@ -185,7 +188,11 @@ STAGE = Stage(
     reference="fifty digits: closed form of the 5R, in its own units (chart/closed_form.py), by similarity "
     "(chart/variants.py), two equations at each instant (chart/elastic_form.py)",
     error="largest error over the largest torque or elongation, or over the path",
-    methods=tuple(one.method(panel, unit) for panel, (many, unit) in PANELS.items() for one in many),
+    methods=tuple(
+        replace(one, name=f"{panel}-{one.name}", panel=panel)
+        for panel, methods in PANELS.items()
+        for one in methods
+    ),
     judge=judge,
     remark=_remark,
     is_map=True,

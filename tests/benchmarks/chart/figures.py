@@ -4,8 +4,6 @@ Colours of ours are none of the others'; a formula written for the one robot is 
 methods apart in grey. The legend and the reader's sentence stand below the axes and cover nothing.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from functools import partial

@@ -4,8 +4,6 @@ Vectors of the plane are complex numbers; rods are rigid, links have no mass. Th
 `closed_form`, which has them in fifty digits. A method of the chart, and the cheapest a solve can be.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from framework.numerics.arrays import Array

@@ -5,11 +5,9 @@ come along its path; the squeezer has to end at the angles of two programs that 
 largest distance of the payload from its path [m], or that of an angle at the end [rad].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from functools import cache
-from typing import Any, Literal
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -83,21 +81,12 @@ def _row(
     case: Callable[[], Case],
     made: Callable[..., Prepared],
     *options: Any,
-    kind: Literal["ours", "peer"] = "ours",
     source: str = "",
 ) -> Method:
-    squeezer = case is _squeezer
-    return Method(
-        f"squeezer_{name}" if squeezer else name,
-        label,
-        lambda setting: made(case(), *options)(setting[0]),
-        given=_TORQUES,
-        unit=unit,
-        settings=settings,
-        kind=kind,
-        source=source,
-        panel=SQUEEZER if squeezer else CROSSING,
-    )
+    """A method of `integrators` on one of the two problems."""
+    prefix, panel = ("squeezer_", SQUEEZER) if case is _squeezer else ("", CROSSING)
+    prepare = lambda setting: made(case(), *options)(setting[0])  # noqa: E731
+    return Method(prefix + name, label, prepare, _TORQUES, unit, settings, source, panel=panel)
 
 
 def _powers(first: int, last: int, by: float = 1.0) -> tuple[Setting, ...]:
@@ -124,6 +113,8 @@ _TORQUES = "motor torques"
 _CONTACTS = f"constraintDynamics with 3D contacts, ProximalSettings{integrators.PROXIMAL}"
 _COUNTS = (75, 150, 300, 600, 1200, 2400, 4800, 9600, 19200)
 _SHORT = 0.03  # [s] of the squeezer
+_PEER_STEPS = singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
+_peer = partial(Method, given=_TORQUES, unit="step [s]", settings=_PEER_STEPS, panel=CROSSING)
 METHODS = (
     *(
         _row(
@@ -156,7 +147,6 @@ METHODS = (
         _steps(*_COUNTS),
         _crossing,
         integrators.contact_runge_kutta,
-        kind="peer",
         source=f"{_CONTACTS}; forces precomputed",
     ),
     _row(
@@ -167,7 +157,6 @@ METHODS = (
         _crossing,
         integrators.scipy_contacts,
         "DOP853",
-        kind="peer",
         source=f"{_CONTACTS}; atol 0.01 rtol",
     ),
     *(
@@ -179,33 +168,24 @@ METHODS = (
             _squeezer,
             integrators.scipy_planar,
             name,
-            kind="peer",
             source="[M J'; J 0] solved by numpy in each call, atol 0.01 rtol",
         )
         for name in ("DOP853", "LSODA")
     ),
-    Method(
+    _peer(
         "mujoco",
         "MuJoCo, RK4",
         _simulator("mujoco_forward"),
-        given=_TORQUES,
-        unit="step [s]",
-        settings=singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
         source="rollout, solref of two steps and the hardest solimp, control callback from a table",
         package="mujoco",
-        panel=CROSSING,
     ),
     *(
-        Method(
+        _peer(
             f"exudyn_{name}",
             f"Exudyn, {words}",
             _simulator("exudyn_five_bar", solver=solver),
-            given=_TORQUES,
-            unit="step [s]",
-            settings=singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
             source="redundant coordinates, modified Newton to 1e-10, loads from a table",
             package="exudyn",
-            panel=CROSSING,
         )
         for name, words, solver in (
             ("alpha", "generalised alpha", "GeneralizedAlpha"),

@@ -6,8 +6,6 @@ about a corner of its platform through 1 to 6 singular points, against virtual w
 the least number of nodes or samples of its ladder with which it is right to GOAL.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -214,15 +212,15 @@ def _growth(rows: Sequence[Row], panel: str) -> str:
 
 ROWS, TURNS = "Loops, row of four-bars", "Crossings, 3-RPR"
 _LAW = "path followed, law exact"
+_STACKED, _BARE = "pointwise in stacks, our kinematics", "pointwise, Pinocchio, numpy"
+_DENSE = "numpy.linalg.solve for our banded LU"
 
 
 def _method(name: str, label: str, prepare: Any, *, given: str = _LAW, source: str = "") -> Method:
     unit, settings, panel = (
         ("loops", LOOPS, ROWS) if name.startswith("loops") else ("crossings", CROSSINGS, TURNS)
     )
-    return Method(
-        name, label, prepare, given, unit, settings, "peer" if source else "ours", source, panel=panel
-    )
+    return Method(name, label, prepare, given, unit, settings, source, panel=panel)
 
 
 STAGE = Stage(
@@ -232,24 +230,9 @@ STAGE = Stage(
     error="largest error over the largest torque",
     methods=(
         _method("loops-nodes", "ours, Chebyshev nodes", _fewest(row, Along.nodes, NODES)),
-        _method(
-            "loops-dense",
-            "our nodes, dense solves",
-            _fewest(row, dense, NODES),
-            source="numpy.linalg.solve for our banded LU",
-        ),
-        _method(
-            "loops-stacks",
-            "pointwise in stacks, our kinematics",
-            _fewest(row, Along.stacks, SAMPLES, DEGREE),
-            source=STACKS,
-        ),
-        _method(
-            "loops-pinocchio",
-            "pointwise, Pinocchio, numpy",
-            _fewest(row, Along.pinocchio, SAMPLES, DEGREE),
-            source=BARE,
-        ),
+        _method("loops-dense", "our nodes, dense solves", _fewest(row, dense, NODES), source=_DENSE),
+        _method("loops-stacks", _STACKED, _fewest(row, Along.stacks, SAMPLES, DEGREE), source=STACKS),
+        _method("loops-pinocchio", _BARE, _fewest(row, Along.pinocchio, SAMPLES, DEGREE), source=BARE),
         _method(
             "loops-sparse",
             "pointwise, Pinocchio, sparse LU",
@@ -263,17 +246,9 @@ STAGE = Stage(
             _fewest(turning, lambda case, _: case.proved(TOLERANCE), (1,)),
             given="path and law",
         ),
+        _method("crossings-stacks", _STACKED, _fewest(turning, Along.stacks, SAMPLES, DEGREE), source=STACKS),
         _method(
-            "crossings-stacks",
-            "pointwise in stacks, our kinematics",
-            _fewest(turning, Along.stacks, SAMPLES, DEGREE),
-            source=STACKS,
-        ),
-        _method(
-            "crossings-pinocchio",
-            "pointwise, Pinocchio, numpy",
-            _fewest(turning, Along.pinocchio, SAMPLES, DEGREE),
-            source=BARE,
+            "crossings-pinocchio", _BARE, _fewest(turning, Along.pinocchio, SAMPLES, DEGREE), source=BARE
         ),
     ),
     judge=judge,

@@ -5,8 +5,6 @@ and the true torque has a pole, as infinite as any and the narrower the smaller 
 see it. Errors are against that torque, as near to its pole as 10 us, over the largest one of the right law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import cache
@@ -18,8 +16,7 @@ from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.along import Torque, direct
-from tests.benchmarks.chart.measure import Setting
-from tests.benchmarks.chart.outcome import Declared, Outcome
+from tests.benchmarks.chart.measure import Method, Outcome, Setting
 from tests.benchmarks.chart.torque import (
     DifferencedLaw,
     T,
@@ -72,9 +69,7 @@ def _exact(offset: float) -> tuple[Array, Array, float]:
     """Instants (T,) [s], torques there (T, 2) [N m], and the largest torque of the right law."""
     motion = given.exact(offset=offset)
     with localcontext(prec=closed_form.DIGITS):
-        pole = closed_form.CROSSING_TIME
-        for _ in range(60):
-            pole -= (motion.law(pole) - motion.s_c) / motion.law(pole, 1)
+        pole = motion.singular_time()
         near = [float(pole + sign * Decimal(10) ** -k) for k in range(1, NEAREST + 1) for sign in (-1, 1)]
     even = np.delete(np.linspace(0.0, T, 61), 40)  # not the crossing time, which is too near to the pole
     times = np.sort(np.concatenate([even, near]))
@@ -107,14 +102,26 @@ _STEP = f"step as in the map, {_SPLINES}"
 _TABLES = f"as in the stage torque, until tables agree to {AGREEMENT} N m"
 UNIT = "distance to Type 2 [path], step [s]"
 METHODS = (
-    Declared("proved", "ours, proved", _judged(_proved), _PATH, PROVED),
-    Declared("nodes", "ours, nodes, not proved", _judged(_nodes), _EXACT, _NODES),
-    Declared("table", "pointwise", _judged(_tabulated(_direct)), _EXACT, CELLS, _SPLINES),
-    Declared(
-        "pseudo_inverse", f"pseudo-inverse, cut {CUT:.0e}", _judged(_tabulated(_cut)), _EXACT, CELLS, _SPLINES
+    Method("proved", "ours, proved", _judged(_proved), _PATH, UNIT, PROVED),
+    Method("nodes", "ours, nodes, not proved", _judged(_nodes), _EXACT, UNIT, _NODES),
+    Method("table", "pointwise", _judged(_tabulated(_direct)), _EXACT, UNIT, CELLS, _SPLINES),
+    Method(
+        "pseudo_inverse",
+        f"pseudo-inverse, cut {CUT:.0e}",
+        _judged(_tabulated(_cut)),
+        _EXACT,
+        UNIT,
+        CELLS,
+        _SPLINES,
     ),
-    Declared(
-        "differences", "central differences", _judged(_differences), "path followed; s alone", CELLS, _STEP
+    Method(
+        "differences",
+        "central differences",
+        _judged(_differences),
+        "path followed; s alone",
+        UNIT,
+        CELLS,
+        _STEP,
     ),
-    Declared("doubled", "Pinocchio's tables, doubled", _judged(_doubled), _PATH, PROVED, _TABLES),
+    Method("doubled", "Pinocchio's tables, doubled", _judged(_doubled), _PATH, UNIT, PROVED, _TABLES),
 )

@@ -4,8 +4,6 @@ Those of the framework, and what one writes with pinocchio and scipy. Models and
 beforehand; asking for the torque of a step or stage counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -198,23 +196,17 @@ def contact_runge_kutta(case: Case) -> Prepared:
     return prepare
 
 
-def scipy_contacts(case: Case, method: str) -> Prepared:
-    """solve_ivp on pinocchio's constraintDynamics; the setting is the relative tolerance."""
-    slope, nv = BareContacts(case).slope, case.robot.model.nv
+def _solved_by_scipy(
+    case: Case, method: str, new_rate: Callable[[], Callable[[float, Array], Array]]
+) -> Prepared:
+    """solve_ivp of a rate that is made for each run; the setting is the relative tolerance."""
 
     def prepare(tolerance: float) -> Callable[[], Course]:
         start = np.concatenate(case.start)
 
         def run() -> Course:
-            calls = count()
-
-            def rate(t: float, y: Array) -> Array:
-                if next(calls) > MOST_CALLS:
-                    raise ArithmeticError(f"{method}: no end after {MOST_CALLS} calls, at t = {t:.6g} s")
-                return slope(y, case.joint_forces(np.array([t]))[0])
-
             solved = solve_ivp(
-                rate,
+                new_rate(),
                 (0.0, case.duration),
                 start,
                 method,
@@ -224,11 +216,28 @@ def scipy_contacts(case: Case, method: str) -> Prepared:
             )
             if not solved.success:
                 raise ArithmeticError(solved.message)
-            return Course(case.looks, solved.y[:nv].T)
+            return Course(case.looks, solved.y[: case.robot.model.nv].T)
 
         return run
 
     return prepare
+
+
+def scipy_contacts(case: Case, method: str) -> Prepared:
+    """solve_ivp on pinocchio's constraintDynamics; the setting is the relative tolerance."""
+    slope = BareContacts(case).slope
+
+    def new_rate() -> Callable[[float, Array], Array]:
+        calls = count()
+
+        def rate(t: float, y: Array) -> Array:
+            if next(calls) > MOST_CALLS:
+                raise ArithmeticError(f"{method}: no end after {MOST_CALLS} calls, at t = {t:.6g} s")
+            return slope(y, case.joint_forces(np.array([t]))[0])
+
+        return rate
+
+    return _solved_by_scipy(case, method, new_rate)
 
 
 def scipy_planar(case: Case, method: str) -> Prepared:
@@ -272,23 +281,4 @@ def scipy_planar(case: Case, method: str) -> Prepared:
         whole = np.block([[mass, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
         return np.concatenate([v, np.linalg.solve(whole, np.concatenate([force, -drift]))[:nv]])
 
-    def prepare(tolerance: float) -> Callable[[], Course]:
-        start = np.concatenate(case.start)
-
-        def run() -> Course:
-            found = solve_ivp(
-                slope,
-                (0.0, case.duration),
-                start,
-                method,
-                rtol=tolerance,
-                atol=1e-2 * tolerance,
-                t_eval=case.looks,
-            )
-            if not found.success:
-                raise ArithmeticError(found.message)
-            return Course(case.looks, found.y[:nv].T)
-
-        return run
-
-    return prepare
+    return _solved_by_scipy(case, method, lambda: slope)

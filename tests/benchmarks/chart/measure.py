@@ -39,6 +39,14 @@ class Effort(NamedTuple):
 FULL, QUICK = Effort(9, 0.6, 99), Effort(0, 0.1, 1)
 
 
+class Outcome(NamedTuple):
+    """What a method of the map of failure returned, what is exact, and the size of that."""
+
+    computed: Array
+    exact: Array
+    size: float
+
+
 class Judged(NamedTuple):
     """How far a result is from the reference; `profile` has the error in each class of the stage's."""
 
@@ -54,10 +62,10 @@ class Method:
     prepare: makes ready, and gives what is timed and leaves a result for the stage to judge.
     given: what it is given besides the robot, for readers of the chart.
     unit: of a setting; `settings` go from cheap to dear in each series.
-    kind: a frontier is the formula of the one robot, written for it.
-    source: where the setting of a peer's method comes from.
+    source: where the setting of a peer's method comes from; ours have none.
     package: that may not be installed.
     panel: of the figure, where a stage has several problems.
+    frontier: whether it is the formula of the one robot, written for it.
     """
 
     name: str
@@ -66,10 +74,14 @@ class Method:
     given: str
     unit: str
     settings: tuple[Setting, ...]
-    kind: Literal["ours", "peer", "frontier"] = "peer"
     source: str = ""
     package: str | None = None
     panel: str = ""
+    frontier: bool = False
+
+    @property
+    def kind(self) -> Literal["ours", "peer", "frontier"]:
+        return "frontier" if self.frontier else "peer" if self.source else "ours"
 
     @property
     def installed(self) -> bool:

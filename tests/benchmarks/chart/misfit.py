@@ -6,8 +6,6 @@ is no. Judged are the elongations of the rods, as near to the point as 10 us; an
 counts as wrong. Springs are softer by the factor that the load over the stiffness is more than the paper's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import cache, partial
@@ -31,8 +29,7 @@ from tests.benchmarks.chart.elastic import (
     rod_columns,
     scaled,
 )
-from tests.benchmarks.chart.measure import Setting, pairs
-from tests.benchmarks.chart.outcome import Declared, Outcome, Prepare
+from tests.benchmarks.chart.measure import Method, Outcome, Setting, pairs
 
 LOADS = (0.01, 0.1, 1.0, 3.0, 10.0, 16.0)  # over the stiffness, over the paper's
 MISFITS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)  # of the path
@@ -51,12 +48,12 @@ def law(cell: Setting) -> Law:
     return Law.rest_to_rest(T, elastic_form.SMOOTHNESS, inner)
 
 
-def _proved(cell: Setting, *, geometry: str) -> Callable[[], Rods]:
+def _proved(cell: Setting) -> Callable[[], Rods]:
     robot, chosen = scaled(1 / cell[0]), law(cell)
     columns = rod_columns(robot)
 
     def run() -> Rods:
-        deflections = inverse_dynamics(robot, given.path(), chosen, geometry=geometry).deflections
+        deflections = inverse_dynamics(robot, given.path(), chosen, geometry="deformed").deflections
         return lambda t: deflections(t)[:, columns]
 
     return run
@@ -122,9 +119,7 @@ def _exact(cell: Setting) -> tuple[Array, Array | None]:
         s_c = solved.motion.s_c
         powers = closed_form.law_through(s_c + Decimal(cell[1]), Decimal(0), elastic_form.SMOOTHNESS)
         motion = closed_form.ExactMotion(powers, s_c, Decimal(0))
-        pole = closed_form.CROSSING_TIME
-        for _ in range(60):
-            pole -= (motion.law(pole) - s_c) / motion.law(pole, 1)
+        pole = motion.singular_time()
         try:
             ways = [
                 elastic_form.followed(
@@ -147,7 +142,7 @@ def _approach(pole: Decimal) -> list[Decimal]:
     return [d for d in near if d > Decimal(10) ** -NEAREST]
 
 
-def _judged(rods_of: Callable[[Setting], Callable[[], Rods]]) -> Prepare:
+def _judged(rods_of: Callable[[Setting], Callable[[], Rods]]) -> Callable[[Setting], Callable[[], Outcome]]:
     """Errors of the rods over their largest elongation."""
 
     def prepare(cell: Setting) -> Callable[[], Outcome]:
@@ -164,14 +159,12 @@ def _judged(rods_of: Callable[[Setting], Callable[[], Rods]]) -> Prepare:
     return prepare
 
 
-_GIVEN, _CELLS = "path and law", pairs(LOADS, MISFITS)
 _TABLE = f"{SAMPLES} samples, spline of degree {DEGREE}"
 UNIT = "load / stiffness, misfit [path]"
+_declared = partial(Method, given="path and law", unit=UNIT, settings=pairs(LOADS, MISFITS))
 METHODS = (
-    Declared("proved", "ours, proved", _judged(partial(_proved, geometry="deformed")), _GIVEN, _CELLS),
-    Declared(
-        "root", "scipy root at each instant", _judged(_root), _GIVEN, _CELLS, f"hybr to 1e-14, {_TABLE}"
-    ),
-    Declared("repeated", "plain repetition", _judged(_repeated), _GIVEN, _CELLS, "as in the stage elastic"),
-    Declared("differences", f"differences, {FEW} passes", _judged(_differences), _GIVEN, _CELLS, _TABLE),
+    _declared("proved", "ours, proved", _judged(_proved)),
+    _declared("root", "scipy root at each instant", _judged(_root), source=f"hybr to 1e-14, {_TABLE}"),
+    _declared("repeated", "plain repetition", _judged(_repeated), source="as in the stage elastic"),
+    _declared("differences", f"differences, {FEW} passes", _judged(_differences), source=_TABLE),
 )

@@ -7,8 +7,6 @@ keeps the limit at its nodes and knows nothing of condition (8): between the two
 point the torque has a pole. Ours has vanishing derivatives at both ends and is proved between nodes too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -123,7 +121,6 @@ STAGE = Stage(
             given="path, limit",
             unit="intervals looked at",
             settings=singles(500),
-            kind="ours",
         ),
         Method(
             "toppra",

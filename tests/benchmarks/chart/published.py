@@ -4,8 +4,6 @@ F. Mazzia and C. Magherini, Test Set for Initial Value Problem Solvers, release 
 chapter "Andrews' squeezing mechanism"; dimensions from W. Schiehlen (ed.), Multibody Systems Handbook 1990.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

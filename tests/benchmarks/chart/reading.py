@@ -4,8 +4,6 @@ One rule for all methods. The curve of a method are its rows that no other of it
 error, joined by straight lines in the logarithms; the time to an error is read off it, and so is its spread.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The robots and the path that the stages are about, from the catalogue."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 from framework import Condition, Law, Line, ParallelRobot, track_path

@@ -6,8 +6,6 @@ has a kink and no sign: its minimum is found to half the digits. The determinant
 bordered g change sign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, partial
@@ -193,7 +191,6 @@ STAGE = Stage(
             _bordered_steps,
             unit="steps",
             settings=STEPS,
-            kind="ours",
         ),
         _declared(
             "bordered_root",
@@ -201,7 +198,6 @@ STAGE = Stage(
             _root,
             unit="longest step",
             settings=singles(0.2),
-            kind="ours",
         ),
         _declared(
             "located",
@@ -210,7 +206,6 @@ STAGE = Stage(
             given="path followed",
             unit="points",
             settings=singles(1),
-            kind="ours",
         ),
         _declared(
             "svd_minimum",

@@ -4,9 +4,8 @@ Along a crossing, legs without mass, against virtual work in mpmath (chart/virtu
 5R's stage cannot be carried over: here poses cost more, and all loops are closed in every one of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 
 from tests.benchmarks.chart.along import Along, Torque, crossing
 from tests.benchmarks.chart.measure import Judged, Method, Setting, Stage, pairs, singles
@@ -29,48 +28,21 @@ def _methods(name: str) -> tuple[Method, ...]:
     def prepare(way: Callable[..., Torque]) -> Callable[[Setting], Callable[[], Torque]]:
         return lambda setting: lambda: way(crossing(name), *setting)
 
-    ways: tuple[Callable[..., Torque], ...] = (Along.nodes, Along.proved, Along.stacks, Along.pinocchio)
-    (nodes, proved, stacks, bare), proof = map(prepare, ways), singles(1e-6, 1e-10)
+    ours = partial(Method, panel=panel)
+    others = partial(Method, given=law, unit=table, settings=TABLES, panel=panel)
     return (
-        Method(
-            f"{name}-nodes",
-            "ours, Chebyshev nodes",
-            nodes,
-            given=law,
-            unit="nodes",
-            settings=NODES,
-            kind="ours",
-            panel=panel,
-        ),
-        Method(
+        ours(f"{name}-nodes", "ours, Chebyshev nodes", prepare(Along.nodes), law, "nodes", NODES),
+        ours(
             f"{name}-proved",
             "ours, located and proved",
-            proved,
-            given="path and law",
-            unit="tolerance",
-            settings=proof,
-            kind="ours",
-            panel=panel,
+            prepare(Along.proved),
+            "path and law",
+            "tolerance",
+            singles(1e-6, 1e-10),
         ),
-        Method(
-            f"{name}-stacks",
-            "pointwise in stacks, our kinematics",
-            stacks,
-            given=law,
-            unit=table,
-            settings=TABLES,
-            source=STACKS,
-            panel=panel,
-        ),
-        Method(
-            f"{name}-pinocchio",
-            "pointwise, Pinocchio and numpy alone",
-            bare,
-            given=law,
-            unit=table,
-            settings=TABLES,
-            source=BARE,
-            panel=panel,
+        others(f"{name}-stacks", "pointwise in stacks, our kinematics", prepare(Along.stacks), source=STACKS),
+        others(
+            f"{name}-pinocchio", "pointwise, Pinocchio and numpy alone", prepare(Along.pinocchio), source=BARE
         ),
     )
 

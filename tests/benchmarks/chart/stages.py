@@ -1,7 +1,5 @@
 """The stages of the chart by name, each imported when it is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib import import_module
 

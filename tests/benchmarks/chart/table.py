@@ -1,7 +1,5 @@
 """The rows of a stage as a table: CSV and JSON for programs, Markdown for readers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import platform

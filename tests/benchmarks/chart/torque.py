@@ -7,8 +7,6 @@ quotient 0/0 at the crossing: what a method leaves of condition (8) by rounding,
 is divided by the distance to the singular instant. Tables are read by splines of degree 3, 5, 7 and 9.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -281,30 +279,31 @@ EVALUATED, PROVED = "evaluated", "located and proved"
 _GIVEN = "path followed; s, s', s\" exact"
 _TABLE = "samples, degree"
 _CUTS = singles(*(10.0**-k for k in range(1, 13)))
-_declared = partial(Method, given=_GIVEN, unit=_TABLE, settings=TABLES, panel=EVALUATED)
+_ours = partial(Method, panel=EVALUATED)
+_table = partial(Method, given=_GIVEN, unit=_TABLE, settings=TABLES, panel=EVALUATED)
+_cut = partial(Method, given=_GIVEN, settings=_CUTS, panel=EVALUATED)
+_proved = partial(Method, panel=PROVED)
 STAGE = Stage(
     name="torque",
     title="Motor torques along a crossing",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the torques  [N m]",
     methods=(
-        _declared(
-            "chebyshev", "ours, Chebyshev nodes", _chebyshev, unit="nodes", settings=NODES, kind="ours"
-        ),
-        _declared(
+        _ours("chebyshev", "ours, Chebyshev nodes", _chebyshev, _GIVEN, "nodes", NODES),
+        _table(
             "pointwise",
             "pointwise in stacks, our kinematics",
             _tables(lambda law, t: pointwise(law, t, direct)),
             source="poses closed in one stack by the framework, everything else numpy; table by spline",
         ),
-        _declared(
+        _table(
             "pinocchio",
             "pointwise, Pinocchio and numpy alone",
             _tables(lambda law, t: scene_c(law).bare_torques(t)),
             given="path; s, s', s\" exact",
             source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
         ),
-        _declared(
+        _table(
             "differences",
             "central differences",
             _differences,
@@ -313,23 +312,21 @@ STAGE = Stage(
             settings=singles(*(10.0 ** (-0.5 * k) for k in range(4, 15))),
             source="step as in the table, the pointwise solve in stacks; 257 samples, degree 9",
         ),
-        _declared(
+        _cut(
             "pseudo_inverse",
             "pseudo-inverse",
             _regularised(pseudo_inverse),
             unit="cut of singular values",
-            settings=_CUTS,
             source="numpy's pinv, relative cut as in the table; 257 samples, degree 9",
         ),
-        _declared(
+        _cut(
             "damped",
             "damped least squares",
             _regularised(damped),
             unit="damping over the size of P",
-            settings=_CUTS,
             source="normal equations with mu^2, damping as in the table; 257 samples, degree 9",
         ),
-        _declared(
+        _table(
             "mujoco",
             "MuJoCo, inverse",
             _mujoco,
@@ -337,44 +334,39 @@ STAGE = Stage(
             source="mj_inverse of the open tree, loop force by least squares (peers/mujoco_inverse.py)",
             package="mujoco",
         ),
-        _declared(
+        _ours(
             "formula",
             "the robot's own formula, nodes",
             _formula_series,
-            given="s, s', s\" exact",
-            unit="nodes",
-            settings=NODES,
-            kind="frontier",
+            "s, s', s\" exact",
+            "nodes",
+            NODES,
+            frontier=True,
         ),
-        _declared(
+        _proved(
             "certified",
             "ours, located and proved",
             _certified,
-            given="path and law",
-            unit="tolerance",
-            settings=singles(1e-6, 1e-9, 1e-12),
-            kind="ours",
-            panel=PROVED,
+            "path and law",
+            "tolerance",
+            singles(1e-6, 1e-9, 1e-12),
         ),
-        _declared(
+        _proved(
             "planned",
             "ours, law found too",
             _planned,
-            given="path, duration, time, speed",
-            unit="plans",
-            settings=singles(1),
-            kind="ours",
-            panel=PROVED,
+            "path, duration, time, speed",
+            "plans",
+            singles(1),
         ),
-        _declared(
+        _proved(
             "doubled",
             "Pinocchio's tables, doubled",
             lambda setting: doubled(given.law(), setting[0]),
-            given="path and law",
-            unit="agreement [N m]",
-            settings=singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
+            "path and law",
+            "agreement [N m]",
+            singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
             source="determinant's sign on 33 poses, Brent, condition (8) there, splines of degree 9",
-            panel=PROVED,
         ),
     ),
     judge=judge,

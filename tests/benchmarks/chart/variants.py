@@ -4,8 +4,6 @@ Sizes and durations need no new reference: with all lengths times a and times ti
 times a^2 and the masses kept, torques are a^2 / b^2 of those of scene C, and places a times as far.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -7,8 +7,6 @@ derivatives. Dimensions: Williams 2015, The MathWorks 1998-2003, and Innocenti a
 robots/generators quotes them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property

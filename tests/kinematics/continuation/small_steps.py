@@ -5,8 +5,6 @@ coordinates, `turn` along motors. Where two results differ more steps are tried,
 few leave the branch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

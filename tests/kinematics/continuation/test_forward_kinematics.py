@@ -1,7 +1,5 @@
 """From motors to the pose: closed forms, the way there and back, and an end at Type 2 singularities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -10,14 +8,12 @@ import robots
 from framework import (
     InvalidInput,
     Line,
-    NotAssembled,
     Type2Singularity,
     assemble,
     forward_kinematics,
     locate_singularities,
     track_path,
 )
-from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
@@ -79,32 +75,6 @@ def step(robot, rng, size: float):
     """A turn of all motors by `size` [rad, robot lengths]."""
     aside = rng.standard_normal(robot.n_a)
     return size * aside / np.linalg.norm(aside) * robot.column_scale[robot.actuated]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_way_leads_there_and_back_and_is_that_of_many_small_steps(name):
-    robot = robots.load(name)
-    start = assemble(robot)
-    q_a, rng = motors_of(robot, start.q), np.random.default_rng(7)
-    arrived = 0
-    for _ in range(6):
-        turn = step(robot, rng, 0.2)
-        try:
-            there = forward_kinematics(robot, q_a + turn)
-        except Type2Singularity:
-            continue
-        arrived += 1
-        allowed = 1e-13 * robot.length / there.clearance**2 + 1e-13
-        np.testing.assert_allclose(
-            forward_kinematics(robot, q_a, near=there.q).q, start.q, rtol=0, atol=allowed
-        )
-        q = start.q
-        for part in range(1, 21):
-            q = forward_kinematics(robot, q_a + turn * part / 20, near=q).q
-        np.testing.assert_allclose(there.q, q, rtol=0, atol=allowed)
-        at = frames_at(robot, there.q[None])
-        assert there.residual == np.abs(loop_equations(robot.rows, at).residual).max() < 1e-13 * robot.length
-    assert arrived or name == "gough_stewart"  # whose legs may all be too short
 
 
 def hold(robot, q):
@@ -207,18 +177,6 @@ def test_springs_keep_their_deflections():
     np.testing.assert_array_equal(moved.q[robot.elastic], q[robot.elastic])
 
 
-def test_clearance_is_the_least_on_the_way():
-    robot = robots.load("five_bar")
-    start = assemble(robot)
-    q_a = motors_of(robot, start.q)
-    still = forward_kinematics(robot, q_a)
-    np.testing.assert_array_equal(still.q, start.q)
-    apart = np.array([0.1, -0.1])  # as the elbows part, the rods come into line
-    way = [forward_kinematics(robot, q_a + part * apart).clearance for part in np.linspace(0.0, 1.0, 6)]
-    assert way[0] == still.clearance
-    assert np.all(np.diff(way) <= 0)
-
-
 @pytest.mark.parametrize(
     ("name", "q_a", "near", "complaint"),
     [
@@ -233,25 +191,6 @@ def test_clearance_is_the_least_on_the_way():
 def test_what_cannot_be_right_is_refused(name, q_a, near, complaint):
     with pytest.raises(InvalidInput, match=complaint):
         forward_kinematics(robots.load(name), q_a, near=near)
-
-
-def test_its_error_is_one_of_assembly():
-    assert issubclass(Type2Singularity, NotAssembled)
-
-
-@pytest.mark.parametrize("name", ["five_bar", "gough_stewart"])
-def test_a_stream_of_motor_angles_is_followed_from_the_last_pose(name):
-    """As from its configuration alone, and back where it came from."""
-    robot = robots.load(name)
-    start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    pose = None
-    for k in range(13):
-        angles = start + 0.02 * np.sin(np.pi * k / 6) * np.ones(robot.n_a)
-        alone = forward_kinematics(robot, angles, near=None if pose is None else pose.q)
-        pose = forward_kinematics(robot, angles, near=pose)
-        np.testing.assert_allclose(pose.q, alone.q, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(pose.x, alone.x, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(pose.q, robot.reference.q, rtol=0, atol=1e-12)
 
 
 STEPS = 200

@@ -1,12 +1,10 @@
 """Poses in stacks and in streams are those found one by one; both end where the assembly mode does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, forward_kinematics, plan_scene
+from framework import InvalidInput, Type2Singularity, assemble, plan_scene
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.forward_kinematics import follow_motors, forward_kinematics_stack
 from framework.kinematics.frames import frames_at
@@ -19,33 +17,6 @@ from tests.oracles.forward_simulation import kinematics
 STEPS = 64  # a 64th as long beside a singularity
 ASIDE = 1e-3  # [rad, robot lengths] from a pose, where the inverse kinematics begins
 SLOW = ("delta", "orthoglide", "humanoid_ankle", "four_bar", "agile_eye")
-
-
-def pose_or_refusal(robot, q_a):
-    try:
-        return forward_kinematics(robot, q_a)
-    except NotAssembled as refusal:
-        return refusal
-
-
-@pytest.mark.parametrize("name", ["five_bar", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
-def test_a_stack_says_what_each_says_alone(name):
-    robot, rng = robots.load(name), np.random.default_rng(1)
-    size = robot.column_scale[robot.actuated]
-    q_a = robot.actuated_coordinates(robot.reference.q[None]) + rng.uniform(-0.3, 0.3, (6, robot.n_a)) * size
-    stack = forward_kinematics_stack(robot, q_a)
-    for k, one in enumerate(q_a):
-        alone = pose_or_refusal(robot, one)
-        if isinstance(alone, NotAssembled):
-            assert type(stack.refused[k]) is type(alone)
-            assert np.isnan(stack.q[k]).all()
-            assert stack.refused[k].share == pytest.approx(alone.share, abs=1e-10)
-            continue
-        assert k not in stack.refused
-        allowed = 1e-13 * robot.length / alone.clearance**2 + 1e-13
-        np.testing.assert_allclose(stack.q[k], alone.q, rtol=0, atol=allowed)
-        np.testing.assert_allclose(stack.x[k], alone.x, rtol=0, atol=allowed)
-        assert stack.residual[k] < 1e-12 * max(robot.length, 1.0)
 
 
 def error_against_inverse_kinematics(robot, q, x, rng):
@@ -87,16 +58,6 @@ def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
     assert error_against_inverse_kinematics(robot, q, stack.x[arrived], rng) < 1e-12
     off = ~are_same(robot, turn(robot, turns[arrived], STEPS), q)
     assert are_same(robot, turn(robot, turns[arrived][off], 64 * STEPS), q[off]).all()
-
-
-def test_a_stream_of_a_plan_follows_the_plan():
-    plan = plan_scene(robots.load("five_bar"), "A")
-    times = np.linspace(0.0, plan.duration, 40)
-    samples = plan.motor_angle(times) / plan.robot.gear_ratio
-    near = plan.configuration(times[:1])[0]
-    followed = list(follow_motors(plan.robot, iter(samples), near=near))
-    np.testing.assert_allclose([pose.q for pose in followed], plan.configuration(times), atol=1e-12)
-    np.testing.assert_allclose([pose.x for pose in followed], plan.platform(times), atol=1e-12)
 
 
 def test_a_stream_that_meets_type_2_ends_between_the_samples_around_it():

@@ -1,21 +1,16 @@
 """Following a path: the branch of a closed form, whichever way and in whatever steps it is followed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, NoAnswer, OutOfReach, Type1Singularity, assemble, track_path
+from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
 from framework.kinematics.continuation.tracking import follow_path
-from framework.kinematics.linearised_loops import linearised_at
 from tests.kinematics.continuation.small_steps import (
-    CLOSINGS,
     PLACES,
     draw_path,
     ends_at_singularity,
     is_followed,
-    lead,
 )
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -76,25 +71,6 @@ def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
     assert off.max() < 0.03
 
 
-@pytest.mark.parametrize("name", SEVERAL)
-def test_there_and_back_is_where_it_began(name):
-    robot = RIGID[name]
-    path = first_path(robot)
-    there = track_path(robot, path)
-
-    class Back:
-        n, knots = path.n, 1.0 - path.knots[::-1]
-
-        def __call__(self, s, order=0):
-            return (-1) ** order * path(1.0 - np.asarray(s, dtype=float), order)
-
-    way = follow_path(robot, Back(), there.close(1.0).q[0])
-    assert way.complete
-    size = 1e-9 * max(robot.length, 1.0)
-    np.testing.assert_allclose(way.last.q[0], there.close(0.0).q[0], rtol=0, atol=size)
-    np.testing.assert_allclose(way.q, there.close(1.0 - way.s).q, rtol=0, atol=size)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
 def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
@@ -111,41 +87,6 @@ def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(nam
             assert is_followed(robot, path, q), k
     assert followed >= 6
     assert all(ends_at_singularity(robot, path, refusal) for path, refusal in refusals)
-
-
-def test_small_steps_are_closed_beside_a_stretched_leg():
-    robot = robots.load("delta")
-    beside = np.array([0.30385, -0.154295, -1.705903])  # the second leg is 0.6 mm from its full length
-    for steps in (64, 128):
-        course = Line(robot.reference.x, beside)(np.linspace(0.0, 1.0, steps + 1))
-        passed = lead(robot, course, CLOSINGS)
-        assert np.abs(linearised_at(robot, passed, course).residual).max() < 1e-13
-        np.testing.assert_allclose(passed[-1], assemble(robot, beside).q, rtol=0, atol=1e-11)
-
-
-def test_the_way_to_a_point_does_not_matter_within_a_mode():
-    robot = robots.load("five_bar")
-    straight = assemble(robot, [-0.08, 0.28]).q
-    for corner in ([0.0, 0.4], [-0.15, 0.3], [0.05, 0.15]):
-        first = follow_path(robot, Line(assemble(robot).x, corner), assemble(robot).q)
-        second = follow_path(robot, Line(corner, [-0.08, 0.28]), first.last.q[0])
-        assert first.complete
-        assert second.complete
-        np.testing.assert_allclose(second.last.q[0], straight, atol=1e-12)
-
-
-def test_a_way_that_leaves_the_workspace_ends_on_its_edge():
-    robot = robots.load("five_bar")
-    start = assemble(robot)
-    way = follow_path(robot, Line(start.x, [0.0, 1.0]), start.q)
-    assert not way.complete
-    end = start.x + way.s[-1] * (np.array([0.0, 1.0]) - start.x)
-    reach = np.linalg.norm(end - MOTORS, axis=1).max()
-    assert 0 <= 2 * LINK - reach < 1e-6
-    with pytest.raises((OutOfReach, Type1Singularity)) as caught:
-        assemble(robot, [0.0, 1.0])
-    assert 0.0 < caught.value.s - way.s[-1] < 1e-6
-    assert np.linalg.norm(caught.value.platform - MOTORS, axis=1).max() == pytest.approx(2 * LINK, abs=1e-13)
 
 
 def test_springs_keep_their_deflections_along_a_path():

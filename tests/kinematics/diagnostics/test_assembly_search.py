@@ -3,8 +3,6 @@
 Closed is judged by pinocchio's frame placements alone.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -13,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Mechanism, NotAssembled, ParallelRobot, check_robot
+from framework import Mechanism, NotAssembled, ParallelRobot
 from framework.cli import main
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from tests.kinematics.linkages import ball, frame, joint, linkage
@@ -178,16 +176,3 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
     pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
     assert main(["check", str(file), "--reference", *pasted]) == 0
-
-
-def test_check_examines_the_pose_it_has_found_and_prints_it_to_paste(tmp_path):
-    shape, file = HALVES["skew"], robot_file("")
-    found = check_robot(linkage(tmp_path, halves(shape), file))
-    assert not found.assembled
-    assert found.closure_error < 1e-12
-    assert found.advice[0].startswith("the loops do not close near the default reference (all zero)")
-    pasted = ", ".join(f"{name}: {value:.6g}" for name, value in found.reference.items())
-    again = check_robot(linkage(tmp_path, halves(shape), f"{file}reference: {{{pasted}}}\n"))
-    assert again.assembled
-    assert not any("do not close" in advice for advice in again.advice)
-    assert (again.mobility, again.rank) == (found.mobility, found.rank)

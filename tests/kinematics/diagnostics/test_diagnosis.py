@@ -1,7 +1,5 @@
 """What `check` advises: the closure that locks too much by its name, and springs that planning refuses."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Freedoms counted by hand: what is idle, what is loose, and along which axes a platform moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

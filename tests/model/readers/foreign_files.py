@@ -3,8 +3,6 @@
 tests/data/dialects/EXPECTED.md says beforehand what comes of the originals.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The ankle of the MJCF leg in tests/data/dialects, made fit to be planned as notebook 07 does it."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Balls and free bodies inside the tree: one robot, whatever joints its file has them written with."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """One leg of a humanoid: what a link carries moves, and the rest stands where the file's reference has it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,5 @@
 """One robot in every dialect is one robot; what a dialect leaves unsaid is asked for by name."""
 
-from __future__ import annotations
-
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -397,61 +394,7 @@ def placement_of(robot: Mechanism, frame: str, q: np.ndarray) -> np.ndarray:
     return np.array(data.oMf[robot.model.getFrameId(frame)].homogeneous)
 
 
-TURN = 2 * math.atan2(1.2, 0.8)  # about z
 DRIVEN = '<body name="other"><joint name="j"/></body>'
-
-
-@pytest.mark.parametrize(
-    ("orientation", "compiler"),
-    [
-        ('quat="0.8 0 0 1.2"', 'angle="degree"'),
-        (f'axisangle="0 0 2 {math.degrees(TURN)!r}"', 'angle="degree"'),
-        (f'euler="0 0 {TURN!r}"', 'angle="radian"'),
-        (f'euler="{math.degrees(TURN)!r} 0 0"', 'eulerseq="zyx"'),
-        ('xyaxes="-0.8 1.92 0 -5 0 0"', 'angle="degree"'),
-    ],
-)
-def test_mjcf_orientations_agree(orientation, compiler, tmp_path):
-    robot = read_mjcf_text(
-        mjcf(f'<body name="one" pos="1 2 3" {orientation}><joint name="j"/></body>', compiler=compiler),
-        tmp_path,
-    )
-    c, s = (0.64 - 1.44) / 2.08, 2 * 0.8 * 1.2 / 2.08
-    expected = np.array([[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
-    np.testing.assert_allclose(placement_of(robot, "one", np.zeros(1)), expected, atol=1e-14)
-
-
-def test_mjcf_zaxis_is_the_least_turn(tmp_path):
-    robot = read_mjcf_text(mjcf('<body name="one" zaxis="1 0 1"><joint name="j"/></body>'), tmp_path)
-    s = np.sqrt(0.5)
-    np.testing.assert_allclose(
-        placement_of(robot, "one", np.zeros(1))[:3, :3], [[s, 0, s], [0, 1, 0], [-s, 0, s]], atol=1e-15
-    )
-
-
-def test_mjcf_euler_lower_case_turns_with_the_frame_and_upper_case_does_not(tmp_path):
-    import pinocchio as pin
-
-    fixed = read_mjcf_text(
-        mjcf(
-            '<body name="one" euler="0.3 -0.4 0.5"><joint name="j"/></body>',
-            compiler='angle="radian" eulerseq="XYZ"',
-        ),
-        tmp_path,
-    )
-    np.testing.assert_allclose(
-        placement_of(fixed, "one", np.zeros(1))[:3, :3], pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), atol=1e-15
-    )
-    moving = read_mjcf_text(
-        mjcf(
-            '<body name="one" euler="0.5 -0.4 0.3"><joint name="j"/></body>',
-            compiler='angle="radian" eulerseq="zyx"',
-        ),
-        tmp_path,
-    )
-    np.testing.assert_allclose(
-        placement_of(moving, "one", np.zeros(1))[:3, :3], pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), atol=1e-15
-    )
 
 
 def test_mjcf_joints_of_one_body_follow_each_other_about_their_points(tmp_path):
@@ -563,41 +506,6 @@ def test_mjcf_ref_moves_the_zero_and_springs_rest_from_it(tmp_path):
     assert robot.joint_stiffness == 7
     assert robot.joint_rest[0] == pytest.approx(np.radians(10))
     assert robot.q_near[0] == pytest.approx(1 - np.radians(30))
-
-
-@pytest.mark.parametrize(
-    ("geom", "mass", "diagonal"),
-    [
-        ('type="sphere" size="0.1" mass="2"', 2.0, (0.008,) * 3),
-        ('type="box" size="0.1 0.2 0.3" mass="3"', 3.0, (0.13, 0.10, 0.05)),
-        ('type="cylinder" size="0.1 0.3" mass="4"', 4.0, (0.13, 0.13, 0.02)),
-        ('type="ellipsoid" size="0.1 0.2 0.3" mass="5"', 5.0, (0.13, 0.10, 0.05)),
-        ('type="box" size="0.1 0.1 0.1"', 8.0, (8 * 0.02 / 3,) * 3),
-        ('type="cylinder" size="0.1" fromto="-0.3 0 0 0.3 0 0" mass="4"', 4.0, (0.02, 0.13, 0.13)),
-    ],
-)
-def test_mjcf_inertia_of_primitive_geoms(geom, mass, diagonal, tmp_path):
-    robot = read_mjcf_text(mjcf(f'<body name="one"><joint name="j"/><geom {geom}/></body>'), tmp_path)
-    inertia = robot.model.inertias[1]
-    assert inertia.mass == pytest.approx(mass)
-    np.testing.assert_allclose(inertia.inertia, np.diag(diagonal), atol=1e-15)
-
-
-def test_mjcf_capsule_inertia_by_quadrature(tmp_path):
-    robot = read_mjcf_text(
-        mjcf('<body name="one"><joint name="j"/><geom type="capsule" size="0.1 0.3"/></body>'), tmp_path
-    )
-    z, weights = np.polynomial.legendre.leggauss(60)
-    pieces = []
-    for low, high in ((-0.4, -0.3), (-0.3, 0.3), (0.3, 0.4)):
-        at, w = 0.5 * (low + high) + 0.5 * (high - low) * z, 0.5 * (high - low) * weights
-        r2 = 0.01 - np.maximum(np.abs(at) - 0.3, 0.0) ** 2  # of the disc at this height
-        pieces.append(
-            [w @ (np.pi * r2), w @ (np.pi * r2**2 / 4 + np.pi * r2 * at**2), w @ (np.pi * r2**2 / 2)]
-        )
-    volume, across, along = 1000 * np.sum(pieces, axis=0)
-    assert robot.model.inertias[1].mass == pytest.approx(volume, rel=1e-13)
-    np.testing.assert_allclose(np.diag(robot.model.inertias[1].inertia), [across, across, along], rtol=1e-12)
 
 
 def test_mjcf_weld_holds_the_zero_pose_or_the_given_one(tmp_path):

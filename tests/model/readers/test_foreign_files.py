@@ -1,7 +1,5 @@
 """What comes of files with the quirks of published ones: as EXPECTED.md beside them says beforehand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,18 +1,13 @@
 """A malformed file of any dialect gives one clear error that names the file and what is wrong in it.
 
-The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have,
-and mutations made by rule - every tag dropped, every attribute dropped or spoilt - that must never crash.
+The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have.
+Our own robot file: test_robot_file. Torn files and mutations by rule: tests/fuzz.
 """
 
-from __future__ import annotations
-
-import random
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
-import robots
 from framework import ParallelRobot, RobotFileError
 from framework.model.readers import read_any
 from tests.watchdog import bounded
@@ -28,263 +23,192 @@ GOOD = {
     "loop_joint": DATA / "five_bar_loop_joint.urdf",
     "sites": DATA / "five_bar_sites.xml",
     "anchor": DATA / "five_bar_anchor.xml",
-    "own": robots.CATALOGUE["five_bar"].file,
 }
 
-# (file, what is there, what stands there instead, what the error says)
-CHANGES = [
-    # our own robot file; more of them in test_robot_file
-    ("own", "version: 1", "version: 2", "version: got 2"),
-    ("own", "version: 1", "version: [1]", "version: needs a whole number"),
-    ("own", "urdf: five_bar", "urdf: six_bar", "urdf: cannot read"),
-    ("own", "platform: {frame: left_tip", "platform: {frame: tip", "platform.frame: unknown frame 'tip'"),
-    ("own", "kind: spherical", "kind: ball", "closures[0].kind: unknown closure kind 'ball'"),
-    ("own", "closures:", "closure:", "closures: missing"),
+# by file: what is there, what stands there instead, what the error says
+CHANGES = {
     # Gepetto's YAML
-    ("yaml", "closed_loop", "closed_loops", "unknown key 'closed_loops'; did you mean 'closed_loop'"),
-    ("yaml", "[['tip_A', 'tip_B']]", "[]", "closed_loop: needs a list with at least one entry"),
-    ("yaml", "[['tip_A', 'tip_B']]", "tip", "needs a list with at least one entry, got 'tip'"),
-    ("yaml", "[['tip_A', 'tip_B']]", "[tip_A]", "closed_loop[0]: needs a list, got 'tip_A'"),
-    ("yaml", "'tip_A', ", "", "closed_loop[0]: needs two frames"),
-    ("yaml", "'tip_A', ", "'tip_A', 'base', ", "closed_loop[0]: needs two frames"),
-    ("yaml", "'tip_A', ", "'tip_C', ", "closed_loop[0][0]: unknown frame 'tip_C'"),
-    ("yaml", "'tip_A', ", "'tip_B', ", "joins 'tip_B' with itself"),
-    ("yaml", "'tip_A', ", "3, ", "closed_loop[0][0]: unknown frame 3"),
-    ("yaml", "type: ['3d']\n", "", "type: missing"),
-    ("yaml", "['3d']", "['3d', '6d']", "type: needs one entry a pair of closed_loop (1), got 2"),
-    ("yaml", "['3d']", "['4d']", "type[0]: unknown type '4d'"),
-    ("yaml", "['3d']", "[3]", "type[0]: unknown type 3"),
-    ("yaml", "'left_motor', ", "'left_moter', ", "name_mot[0]: unknown movable joint 'left_moter'"),
-    ("yaml", "'left_motor', ", "'tip_A_frame', ", "name_mot[0]: unknown movable joint 'tip_A_frame'"),
-    ("yaml", "'left_motor', ", "'right_motor', ", "name_mot: duplicate 'right_motor'"),
-    ("yaml", "name_mot: [", "name_mot: [[", "not valid YAML"),
-    ("yaml", "name_mot:", "type:", "duplicate key"),
-    ("yaml", "name_mot:", "joint_name: [left_elbow]\nname_mot:", "joint_type: needs one entry a joint"),
-    (
-        "yaml",
-        "name_mot:",
-        "joint_name: [elbow]\njoint_type: [FIXED]\nname_mot:",
-        "joint_name[0]: unknown joint",
-    ),
-    (
-        "yaml",
-        "name_mot:",
-        "joint_name: [left_elbow]\njoint_type: [BALL]\nname_mot:",
-        "joint_type[0]: unknown joint type 'BALL'",
-    ),
-    (
-        "yaml",
-        "name_mot:",
-        "joint_name: [left_elbow, left_elbow]\njoint_type: [FIXED, FIXED]\nname_mot:",
-        "joint_name: duplicate 'left_elbow'",
-    ),
-    (
-        "yaml",
-        "name_mot:",
-        "joint_name: [left_motor]\njoint_type: [SPHERICAL]\nname_mot:",
-        "name_mot[0]: unknown movable joint 'left_motor'",
-    ),
+    "yaml": [
+        ("closed_loop", "closed_loops", "unknown key 'closed_loops'; did you mean 'closed_loop'"),
+        ("[['tip_A', 'tip_B']]", "[]", "closed_loop: needs a list with at least one entry"),
+        ("[['tip_A', 'tip_B']]", "tip", "needs a list with at least one entry, got 'tip'"),
+        ("[['tip_A', 'tip_B']]", "[tip_A]", "closed_loop[0]: needs a list, got 'tip_A'"),
+        ("'tip_A', ", "", "closed_loop[0]: needs two frames"),
+        ("'tip_A', ", "'tip_A', 'base', ", "closed_loop[0]: needs two frames"),
+        ("'tip_A', ", "'tip_C', ", "closed_loop[0][0]: unknown frame 'tip_C'"),
+        ("'tip_A', ", "'tip_B', ", "joins 'tip_B' with itself"),
+        ("'tip_A', ", "3, ", "closed_loop[0][0]: unknown frame 3"),
+        ("type: ['3d']\n", "", "type: missing"),
+        ("['3d']", "['3d', '6d']", "type: needs one entry a pair of closed_loop (1), got 2"),
+        ("['3d']", "['4d']", "type[0]: unknown type '4d'"),
+        ("['3d']", "[3]", "type[0]: unknown type 3"),
+        ("'left_motor', ", "'left_moter', ", "name_mot[0]: unknown movable joint 'left_moter'"),
+        ("'left_motor', ", "'tip_A_frame', ", "name_mot[0]: unknown movable joint 'tip_A_frame'"),
+        ("'left_motor', ", "'right_motor', ", "name_mot: duplicate 'right_motor'"),
+        ("name_mot: [", "name_mot: [[", "not valid YAML"),
+        ("name_mot:", "type:", "duplicate key"),
+        ("name_mot:", "joint_name: [left_elbow]\nname_mot:", "joint_type: needs one entry a joint"),
+        ("name_mot:", "joint_name: [elbow]\njoint_type: [FIXED]\nname_mot:", "joint_name[0]: unknown joint"),
+        (
+            "name_mot:",
+            "joint_name: [left_elbow]\njoint_type: [BALL]\nname_mot:",
+            "joint_type[0]: unknown joint type 'BALL'",
+        ),
+        (
+            "name_mot:",
+            "joint_name: [left_elbow, left_elbow]\njoint_type: [FIXED, FIXED]\nname_mot:",
+            "joint_name: duplicate 'left_elbow'",
+        ),
+        (
+            "name_mot:",
+            "joint_name: [left_motor]\njoint_type: [SPHERICAL]\nname_mot:",
+            "name_mot[0]: unknown movable joint 'left_motor'",
+        ),
+    ],
     # Gepetto's URDF
-    ("pair", "<robot", "<robots", "not well-formed XML"),
-    ("pair", '<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
-    ("pair", '<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
-    ("pair", 'name="tip_B_frame" type="fixed"', 'name="tip_B_frame" type="planar"', "unknown type 'planar'"),
-    ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
-    ("pair", '<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
-    ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
-    ("pair", 'xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
-    ("pair", 'xyz="0.2 0 0"', 'xyz="1e300 0 0"', "<origin> xyz: must be at most 1e+30 in size"),
-    ("pair", 'xyz="0.2 0 0"', 'xyx="0.2 0 0"', "unknown attribute 'xyx'; did you mean 'xyz'"),
-    ("pair", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'left_motor': <axis>: the axis is zero"),
-    ("pair", '<limit effort="1" velocity="20"/>', "", "joint 'left_motor': <limit> is missing"),
-    ("pair", "<robot name", "<robot nam", "<robot>: attribute 'name' is missing"),
-    ("pair", 'effort="1"', 'effort="-1"', "<limit>: needs lower <= upper, effort"),
-    ("pair", 'effort="1"', 'lower="1" upper="0" effort="1"', "<limit>: needs lower <= upper"),
-    ("pair", 'ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia>: has the principal moments -1, 0, 0 kg m^2"),
-    ("pair", 'effort="1" ', "", "<limit>: attribute 'effort' is missing"),
-    ("pair", '<mass value="10"/>', "", "link 'tip_A': <inertial>: <mass> is missing"),
-    ("pair", '<mass value="10"/>', '<mass value="-1"/>', "<mass>: must not be negative"),
-    ("pair", 'iyy="0" ', "", "<inertia>: attribute 'iyy' is missing"),
-    ("pair", '<link name="base"/>', '<link name="base"/><link name="b2"/>', "exactly one root link"),
-    ("pair", '<link name="base"/>', '<lnik name="base"/>', "unknown element 'lnik'; did you mean 'link'"),
+    "pair": [
+        ("<robot", "<robots", "not well-formed XML"),
+        ('<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
+        ('<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
+        ('name="tip_B_frame" type="fixed"', 'name="tip_B_frame" type="planar"', "unknown type 'planar'"),
+        ('name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
+        ('<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
+        ('xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
+        ('xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
+        ('xyz="0.2 0 0"', 'xyz="1e300 0 0"', "<origin> xyz: must be at most 1e+30 in size"),
+        ('xyz="0.2 0 0"', 'xyx="0.2 0 0"', "unknown attribute 'xyx'; did you mean 'xyz'"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'left_motor': <axis>: the axis is zero"),
+        ('<limit effort="1" velocity="20"/>', "", "joint 'left_motor': <limit> is missing"),
+        ("<robot name", "<robot nam", "<robot>: attribute 'name' is missing"),
+        ('effort="1"', 'effort="-1"', "<limit>: needs lower <= upper, effort"),
+        ('effort="1"', 'lower="1" upper="0" effort="1"', "<limit>: needs lower <= upper"),
+        ('ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia>: has the principal moments -1, 0, 0 kg m^2"),
+        ('effort="1" ', "", "<limit>: attribute 'effort' is missing"),
+        ('<mass value="10"/>', "", "link 'tip_A': <inertial>: <mass> is missing"),
+        ('<mass value="10"/>', '<mass value="-1"/>', "<mass>: must not be negative"),
+        ('iyy="0" ', "", "<inertia>: attribute 'iyy' is missing"),
+        ('<link name="base"/>', '<link name="base"/><link name="b2"/>', "exactly one root link"),
+        ('<link name="base"/>', '<lnik name="base"/>', "unknown element 'lnik'; did you mean 'link'"),
+    ],
     # URDF+
-    (
-        "plus",
-        'type="revolute">\n    <predecessor',
-        'type="hinge">\n    <predecessor',
-        "loop 'tip': unknown type 'hinge'",
-    ),
-    ("plus", '<loop name="tip"', "<loop", "<loop>: attribute 'name' is missing"),
-    ("plus", "<successor ", "<sucessor ", "not well-formed XML"),
-    ("plus", 'successor link="right_rod"', 'successor link="right"', "<successor>: unknown link 'right'"),
-    ("plus", 'successor link="right_rod"', 'successor lnk="right_rod"', "unknown attribute 'lnk'"),
-    ("plus", '    <axis xyz="0 0 1"/>\n  </loop>', "  </loop>", "loop 'tip': <axis> is missing"),
-    (
-        "plus",
-        '    <axis xyz="0 0 1"/>\n  </loop>',
-        '<axis xyz="0 0 0"/></loop>',
-        "loop 'tip': <axis>: the axis is zero",
-    ),
-    (
-        "plus",
-        '    <axis xyz="0 0 1"/>\n  </loop>',
-        '<axis xyz="0 0 1e-300"/></loop>',
-        "loop 'tip': <axis>: the axis is zero",
-    ),
-    ("plus", "</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
-    ("plus", "</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': duplicate <axis>"),
-    ("plus", "</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
-    (
-        "plus",
-        "</robot>",
-        '<coupling name="c"><predecessor link="left_crank"/><successor link="right_rod"/><ratio value="3"/>'
-        "</coupling></robot>",
-        "coupling 'c': couples left_motor, right_elbow, right_motor: needs one joint of one freedom",
-    ),
-    (
-        "plus",
-        "</robot>",
-        '<coupling name="c"><predecessor link="base"/><successor link="base"/><ratio value="1"/>'
-        "</coupling></robot>",
-        "couples 'base' with itself",
-    ),
-    (
-        "plus",
-        "</robot>",
-        '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/></coupling></robot>',
-        "coupling 'c': <ratio> is missing",
-    ),
-    (
-        "plus",
-        "</robot>",
-        '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/><ratio value="x"/>'
-        "</coupling></robot>",
-        "<ratio> value: needs finite numbers, got 'x'",
-    ),
+    "plus": [
+        (
+            'type="revolute">\n    <predecessor',
+            'type="hinge">\n    <predecessor',
+            "loop 'tip': unknown type 'hinge'",
+        ),
+        ('<loop name="tip"', "<loop", "<loop>: attribute 'name' is missing"),
+        ("<successor ", "<sucessor ", "not well-formed XML"),
+        ('successor link="right_rod"', 'successor link="right"', "<successor>: unknown link 'right'"),
+        ('successor link="right_rod"', 'successor lnk="right_rod"', "unknown attribute 'lnk'"),
+        ('    <axis xyz="0 0 1"/>\n  </loop>', "  </loop>", "loop 'tip': <axis> is missing"),
+        (
+            '    <axis xyz="0 0 1"/>\n  </loop>',
+            '<axis xyz="0 0 0"/></loop>',
+            "loop 'tip': <axis>: the axis is zero",
+        ),
+        (
+            '    <axis xyz="0 0 1"/>\n  </loop>',
+            '<axis xyz="0 0 1e-300"/></loop>',
+            "loop 'tip': <axis>: the axis is zero",
+        ),
+        ("</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
+        ("</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': duplicate <axis>"),
+        ("</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
+        (
+            "</robot>",
+            '<coupling name="c"><predecessor link="left_crank"/><successor link="right_rod"/><ratio '
+            'value="3"/></coupling></robot>',
+            "coupling 'c': couples left_motor, right_elbow, right_motor: needs one joint of one freedom",
+        ),
+        (
+            "</robot>",
+            '<coupling name="c"><predecessor link="base"/><successor link="base"/><ratio value="1"/>'
+            "</coupling></robot>",
+            "couples 'base' with itself",
+        ),
+        (
+            "</robot>",
+            '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/></coupling></robot>',
+            "coupling 'c': <ratio> is missing",
+        ),
+        (
+            "</robot>",
+            '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/><ratio value="x"/>'
+            "</coupling></robot>",
+            "<ratio> value: needs finite numbers, got 'x'",
+        ),
+    ],
     # Isaac Sim's loop joints
-    ("loop_joint", 'type="spherical"', 'type="planar"', "loop_joint 'loop': unknown type 'planar'"),
-    ("loop_joint", 'type="spherical"', 'type="revolute"', "loop_joint 'loop': <axis> is missing"),
-    ("loop_joint", '<link1 link="right_rod"', '<link3 link="right_rod"', "unknown element 'link3'"),
-    ("loop_joint", 'link1 link="right_rod"', 'link1 link="rod"', "unknown link 'rod'"),
+    "loop_joint": [
+        ('type="spherical"', 'type="planar"', "loop_joint 'loop': unknown type 'planar'"),
+        ('type="spherical"', 'type="revolute"', "loop_joint 'loop': <axis> is missing"),
+        ('<link1 link="right_rod"', '<link3 link="right_rod"', "unknown element 'link3'"),
+        ('link1 link="right_rod"', 'link1 link="rod"', "unknown link 'rod'"),
+    ],
     # the proposal for ROS
-    ("ros", 'type="spherical"', 'type="ball"', "constraint 'tip': unknown type 'ball'"),
-    ("ros", 'type="spherical"', "", "constraint 'tip': attribute 'type' is missing"),
-    ("ros", 'type="spherical"', 'type="revolute"', "constraint 'tip': <parent_axis> is missing"),
-    ("ros", 'type="spherical"', 'type="universal"', "constraint 'tip': <parent_axis> is missing"),
-    ("ros", "child_origin", "child_orign", "unknown element 'child_orign'; did you mean 'child_origin'"),
-    ("ros", '<child link="right_rod"/>\n    <child_o', "<child_o", "constraint 'tip': <child> is missing"),
-    (
-        "ros",
-        '<child link="right_rod"/>\n    <child_o',
-        '<child link="left_rod"/><child_o',
-        "no joint moves between",
-    ),
-    ("ros", 'child_origin xyz="0.25 0 0"', 'child_origin xyz="1e999 0 0"', "needs finite numbers"),
-    (
-        "ros",
-        '<joint name="left_motor"> <command',
-        '<joint name="motor"> <command',
-        "unknown movable joint 'motor'",
-    ),
-    (
-        "ros",
-        'type="spherical">',
-        'type="prismatic"><parent_axis xyz="0 0 1"/><child_axis xyz="0 1 0"/>',
-        "<child_axis>: differs from <parent_axis>",
-    ),
-    (
-        "ros",
-        "<robot ",
-        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot><r ',
-        "not well-formed",
-    ),
-    (
-        "ros",
-        '<robot name="five_bar">',
-        '<robot name="five_bar" xmlns:xacro="http://ros.org/xacro"><xacro:include/>',
-        "<include>: expand the xacro macros first",
-    ),
+    "ros": [
+        ('type="spherical"', 'type="ball"', "constraint 'tip': unknown type 'ball'"),
+        ('type="spherical"', "", "constraint 'tip': attribute 'type' is missing"),
+        ('type="spherical"', 'type="revolute"', "constraint 'tip': <parent_axis> is missing"),
+        ('type="spherical"', 'type="universal"', "constraint 'tip': <parent_axis> is missing"),
+        ("child_origin", "child_orign", "unknown element 'child_orign'; did you mean 'child_origin'"),
+        ('<child link="right_rod"/>\n    <child_o', "<child_o", "constraint 'tip': <child> is missing"),
+        (
+            '<child link="right_rod"/>\n    <child_o',
+            '<child link="left_rod"/><child_o',
+            "no joint moves between",
+        ),
+        ('child_origin xyz="0.25 0 0"', 'child_origin xyz="1e999 0 0"', "needs finite numbers"),
+        (
+            '<joint name="left_motor"> <command',
+            '<joint name="motor"> <command',
+            "unknown movable joint 'motor'",
+        ),
+        (
+            'type="spherical">',
+            'type="prismatic"><parent_axis xyz="0 0 1"/><child_axis xyz="0 1 0"/>',
+            "<child_axis>: differs from <parent_axis>",
+        ),
+        (
+            "<robot ",
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot><r ',
+            "not well-formed",
+        ),
+        (
+            '<robot name="five_bar">',
+            '<robot name="five_bar" xmlns:xacro="http://ros.org/xacro"><xacro:include/>',
+            "<include>: expand the xacro macros first",
+        ),
+    ],
     # MJCF, where MuJoCo says what is wrong
-    ("sites", "<connect ", "<conect ", "line 33: 'conect': MuJoCo: "),
-    ("sites", 'site1="left_tip"', 'site1="tip"', "line 33: 'tip': MuJoCo: unknown element 'tip'"),
-    ("sites", ' site2="right_tip"', "", "line 33: 'connect': MuJoCo: "),
-    ("sites", 'site2="right_tip"', 'site2="left_tip"', "is repeated in equality"),
-    ("sites", 'site1="left_tip"', 'site1="left_tip" body1="left_rod"', "line 33: 'connect': MuJoCo: "),
-    (
-        "sites",
-        'name="left_motor" class="driven"',
-        'name="left_motor" class="drive"',
-        "line 13: 'joint': MuJoCo: ",
-    ),
-    (
-        "sites",
-        'name="left_elbow"',
-        'name="left_motor"',
-        "line 16: 'joint': MuJoCo: repeated name 'left_motor'",
-    ),
-    ("sites", '<joint name="left_elbow"/>', "<freejoint/>", "line 15: 'left_rod': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint type="free"/>', "line 15: 'left_rod': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<freejoint pos="1 0 0"/>', "line 16: 'freejoint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint type="screw"/>', "line 16: 'joint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint axis="0 0 0"/>', "line 16: MuJoCo: axis"),
-    ("sites", '<joint name="left_elbow"/>', '<joint range="1"/>', "line 16: 'joint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint limited="yes"/>', "line 16: 'joint': MuJoCo: "),
-    (
-        "sites",
-        '<joint name="left_elbow"/>',
-        '<joint name="left_elbow" type="ball"/>',
-        "<key> 'home' qpos: needs",
-    ),
-    ("sites", '<joint name="left_elbow"/>', '<joint axs="0 0 1"/>', "line 16: 'joint': MuJoCo: "),
-    ("sites", '<joint name="left_elbow"/>', '<joint stiffness="-1"/>', "stiffness must not be negative"),
-    ("sites", "1.271863 ", "", "<key> 'home' qpos: needs 4 numbers"),
-    ("sites", 'size="0.008"', 'size="0"', "line 14: MuJoCo: size 0 must be positive"),
-    ("sites", 'size="0.008"', 'sise="0.008"', "line 14: 'geom': MuJoCo: "),
-    ("sites", '<geom type="capsule" mass="0"/>', '<geom type="cube"/>', "line 6: 'geom': MuJoCo: "),
-    ("sites", 'mass="10"', 'mass="-10"', "has a mass of -10 kg"),
-    ("sites", ' mass="10"', "", "line 18: 'inertial': MuJoCo: "),
-    (
-        "sites",
-        'name="right_crank"',
-        'name="left_crank"',
-        "line 22: 'body': MuJoCo: repeated name 'left_crank'",
-    ),
-    ("sites", 'name="right_crank"', 'name="world"', "line 22: 'body': MuJoCo: repeated name 'world'"),
-    ("sites", "<worldbody>", "<wordbody/><worldbody>", "line 10: 'wordbody': MuJoCo: "),
-    ("sites", "<worldbody>", '<include file="a.xml"/><worldbody>', "line 10: 'include': MuJoCo: "),
-    ("sites", 'angle="radian"', 'angle="turn"', "line 3: 'compiler': MuJoCo: "),
-    ("sites", 'gravity="0 0 -9.81"', 'gravity="-9.81"', "line 4: 'option': MuJoCo: "),
-    ("sites", 'angle="radian"', 'angle="radian" autolimits="nan"', "<compiler> autolimits: needs finite"),
-    ("anchor", ' anchor="0.25 0 0"', "", "line 21: 'connect': MuJoCo: "),
-    ("anchor", 'body2="right_rod"', 'body2="rod"', "line 21: MuJoCo: unknown element 'rod'"),
-    ("anchor", 'body2="right_rod"', 'body2="left_rod"', "is repeated in equality"),
-    ("anchor", 'body1="left_rod" ', "", "line 21: 'connect': MuJoCo: "),
-    ("anchor", "<equality>", '<equality><joint joint1="elbow"/>', "line 20: MuJoCo: unknown element 'elbow'"),
-    (
-        "anchor",
-        "<equality>",
-        '<equality><joint joint1="left_elbow" polycoef="0 1 0 0 0 0"/>',
-        "line 20: 'joint': MuJoCo: ",
-    ),
-    ("anchor", 'euler="0 0 1.27', 'quat="0 0 0 0" euler="0 0 1.27', "line 5: 'body': MuJoCo: "),
-    ("anchor", 'euler="0 0 1.2718628575352207"', 'quat="0 0 0 0"', "line 5: 'body': MuJoCo: "),
-    ("anchor", 'euler="0 0 1.2718628575352207"', 'zaxis="0 1e-300 0"', "line 5: 'left_crank': MuJoCo: "),
-    ("anchor", 'euler="0 0 1.2718628575352207"', 'xyaxes="1 0 0 2 0 0"', "line 5: 'left_crank': MuJoCo: "),
-    (
-        "anchor",
-        '<connect body1="left_rod" body2="right_rod" anchor="0.25 0 0"/>',
-        "",
-        "there is no loop in it",
-    ),
-    ("anchor", "<connect body1", '<connect active="no" body1', "line 21: 'connect': MuJoCo: "),
-]
+    "sites": [
+        ("<connect ", "<conect ", "line 33: 'conect': MuJoCo: "),
+        ('site1="left_tip"', 'site1="tip"', "line 33: 'tip': MuJoCo: unknown element 'tip'"),
+        ('site2="right_tip"', 'site2="left_tip"', "is repeated in equality"),
+        ('name="left_motor" class="driven"', 'name="left_motor" class="drive"', "line 13: 'joint': MuJoCo: "),
+        ('name="left_elbow"', 'name="left_motor"', "line 16: 'joint': MuJoCo: repeated name 'left_motor'"),
+        ('<joint name="left_elbow"/>', "<freejoint/>", "line 15: 'left_rod': MuJoCo: "),
+        ('<joint name="left_elbow"/>', '<joint axis="0 0 0"/>', "line 16: MuJoCo: axis"),
+        ('<joint name="left_elbow"/>', '<joint name="left_elbow" type="ball"/>', "<key> 'home' qpos: needs"),
+        ('<joint name="left_elbow"/>', '<joint stiffness="-1"/>', "stiffness must not be negative"),
+        ("1.271863 ", "", "<key> 'home' qpos: needs 4 numbers"),
+        ('size="0.008"', 'size="0"', "line 14: MuJoCo: size 0 must be positive"),
+        ('mass="10"', 'mass="-10"', "has a mass of -10 kg"),
+        ("<worldbody>", '<include file="a.xml"/><worldbody>', "line 10: 'include': MuJoCo: "),
+        ('angle="radian"', 'angle="radian" autolimits="nan"', "<compiler> autolimits: needs finite"),
+    ],
+    "anchor": [
+        ('body2="right_rod"', 'body2="rod"', "line 21: MuJoCo: unknown element 'rod'"),
+        ("<equality>", '<equality><joint joint1="elbow"/>', "line 20: MuJoCo: unknown element 'elbow'"),
+        ('euler="0 0 1.2718628575352207"', 'xyaxes="1 0 0 2 0 0"', "line 5: 'left_crank': MuJoCo: "),
+        ('<connect body1="left_rod" body2="right_rod" anchor="0.25 0 0"/>', "", "there is no loop in it"),
+    ],
+}
 
 
 def written(tmp_path: Path, name: str, text: str) -> Path:
     """A file of the corpus, with its good other half where it is one of a pair."""
-    if name == "own":
-        urdf = GOOD[name].with_suffix(".urdf")
-        (tmp_path / urdf.name).write_text(urdf.read_text(encoding="utf-8"), encoding="utf-8")
     if name not in ("yaml", "pair"):
         file = tmp_path / GOOD[name].name
         file.write_text(text, encoding="utf-8")
@@ -297,8 +221,6 @@ def written(tmp_path: Path, name: str, text: str) -> Path:
 
 def options(name: str) -> dict[str, object]:
     """Options that leave to the files what they say."""
-    if name == "own":
-        return {}
     return {key: value for key, value in SAID.items() if key != "motors" or name == "plus"}
 
 
@@ -313,13 +235,10 @@ def refused(file: Path, **given: object) -> str:
     return message
 
 
-def test_the_corpus_is_large():
-    assert len(CHANGES) >= 60
-
-
-@pytest.mark.parametrize("number", range(len(CHANGES)))
-def test_a_changed_file_gives_its_error(number, tmp_path):
-    name, old, new, expected = CHANGES[number]
+@pytest.mark.parametrize(
+    ("name", "old", "new", "expected"), [(name, *change) for name in CHANGES for change in CHANGES[name]]
+)
+def test_a_changed_file_gives_its_error(name, old, new, expected, tmp_path):
     text = GOOD[name].read_text(encoding="utf-8")
     assert old in text, f"{name} has no {old!r}"
     message = refused(written(tmp_path, name, text.replace(old, new, 1)), **options(name))
@@ -333,15 +252,9 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
     [
         ("empty.yaml", "", "needs a mapping of keys, got None"),
         ("empty.xml", "", "not well-formed XML"),
-        ("list.yaml", "[1, 2]", "needs a mapping of keys"),
         ("text.yaml", "hello", "needs a mapping of keys, got 'hello'"),
         ("keys.yaml", "colour: red", "unknown dialect: has neither version"),
-        ("numbers.yaml", "1: 2", "unknown dialect"),
         ("date.yaml", "closed_loop: 2024-99-99", "not valid YAML"),
-        ("tag.yaml", "closed_loop: !!python/object:os.system x", "not valid YAML"),
-        ("hash.yaml", "? [a]\n: b", "not valid YAML"),
-        ("deep.yaml", "closed_loop: " + "[" * 1500, "nested too deeply"),
-        ("endless.yaml", "closed_loop: &a [*a]", "more than 20000 values when written out, or endless"),
         ("long.yaml", "closed_loop: [" + "a, " * 200_000 + "]", "characters of YAML; at most"),
         ("lonely.yaml", "closed_loop: [[a, b]]", "lonely.urdf: cannot read it: No such file"),
         ("html.xml", "<html><body/></html>", "unknown dialect: unknown root element 'html'"),
@@ -354,8 +267,6 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
         ),
         ("nothing.urdf", "<robot name='r'/>", "needs exactly one root link, got none"),
         ("nothing.xml", "<mujoco/>", "there is no loop in it"),
-        ("bodies.xml", "<mujoco><worldbody/></mujoco>", "there is no loop in it"),
-        ("cut.xml", "<mujoco><worldbody>", "not well-formed XML"),
         ("entity.xml", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document types and entities are not read"),
         (
             "deep.xml",
@@ -380,19 +291,11 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
             "5001 links or joints; at most 5000",
         ),
         ("loop_closures.yaml", "closures: []", "a list of closures: give the URDF that they are of"),
-        ("null.urdf", "<robot name='r'>\0</robot>", "not well-formed XML"),
     ],
 )
 def test_a_file_written_by_hand_gives_its_error(name, content, expected, tmp_path):
     (tmp_path / name).write_text(content, encoding="utf-8")
     assert expected in refused(tmp_path / name, **SAID)
-
-
-def test_aliases_that_grow_without_bound_are_refused(tmp_path):
-    lines = ["a0: &a0 [x, x]"] + [f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60)]
-    for name, head in (("gepetto.yaml", "closed_loop: *a59"), ("own.yaml", "version: *a59")):
-        (tmp_path / name).write_text("\n".join([*lines, head]))
-        assert "more than 20000 values" in refused(tmp_path / name, **SAID)
 
 
 def test_a_pair_whose_urdf_is_none_is_refused_by_its_root(tmp_path):
@@ -411,75 +314,10 @@ def test_what_is_no_file_is_refused(tmp_path):
     assert "10000001 bytes; at most" in refused(tmp_path / "large.xml")
 
 
-# ------------------------------------------------------------------ by rule
-
-
-def mutations(text: str) -> list[str]:
-    """Every element dropped, every attribute dropped, renamed, emptied and spoilt, one at a time."""
-    count = len(list(ElementTree.fromstring(text).iter()))
-    found = []
-    for i in range(count):
-        root = ElementTree.fromstring(text)
-        parents = {child: parent for parent in root.iter() for child in parent}
-        element = list(root.iter())[i]
-        if element in parents:
-            parents[element].remove(element)
-            found.append(ElementTree.tostring(root, encoding="unicode"))
-            parents[element].extend([element, element])
-            found.append(ElementTree.tostring(root, encoding="unicode"))
-            parents[element].remove(element)
-        for key in list(element.attrib):
-            value = element.attrib.pop(key)
-            found.append(ElementTree.tostring(root, encoding="unicode"))
-            for other in (f"{value}?", "", "nan nan nan", "-1", "left_rod"):
-                element.set(key, other)
-                found.append(ElementTree.tostring(root, encoding="unicode"))
-            element.set(key, value)
-    return found
-
-
-def complaint(file: Path, name: str) -> str:
-    """The error of a file, empty where it can be read."""
-    try:
-        read_any(file, **options(name))
-    except RobotFileError as error:
-        return str(error)
-    return ""
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["pair", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ros", "plus", "sites", "anchor"))],
-)
-def test_no_mutation_crashes_or_hangs(name, tmp_path):
-    every = mutations(GOOD[name].read_text(encoding="utf-8"))
-    assert len(every) > 200
-    outcomes = {"read": 0, "refused": 0}
-    for text in every:
-        file = written(tmp_path, name, text)
-        with bounded(LIMIT):
-            message = complaint(file, name)
-        outcomes["refused" if message else "read"] += 1
-        assert not message or message.startswith(str(file))
-        assert "\n" not in message
-    assert outcomes["refused"] > outcomes["read"] / 2
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_no_torn_file_crashes(name, tmp_path):
-    text = GOOD[name].read_text(encoding="utf-8")
-    random_ = random.Random(0)
-    for _ in range(60):
-        at, length = random_.randrange(len(text)), random_.choice((1, 2, 10, 10**6))
-        torn = text[:at] + random_.choice(("", "<", '"', ":", "\x00", "]", "\n  - ")) + text[at + length :]
-        assert "\n" not in complaint(written(tmp_path, name, torn), name)
-
-
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
         ("sites", 'site name="left_tip" pos="0.25 0 0"', 'site name="left_tip" pos="a"'),
-        ("sites", 'site1="left_tip"', 'site1="tip"'),
         ("ros", 'type="spherical"', 'type="ball"'),
         ("loop_joint", 'type="spherical"', 'type="planar"'),
     ],

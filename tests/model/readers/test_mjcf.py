@@ -1,7 +1,5 @@
 """MJCF as MuJoCo compiles it: what the readers of old did by themselves, or read wrongly."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,8 +1,7 @@
 """What convert proposes of a file that is silent, what it holds, and what it leaves out."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -100,8 +99,8 @@ def test_where_motors_do_not_drive_the_pose_of_the_file_one_within_the_limits_is
     assert all(abs(robot.description.reference[name]) > 0.5 for name in ("crank", "foot"))
 
 
-def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_remark_says(tmp_path):
-    """The left and the right one stand on carriages of one table."""
+def two_five_bars(stand: Callable[[ElementTree.Element, str], ElementTree.Element]) -> str:
+    """The five-bar twice, side a and side b, each on the element that `stand` makes in the world for it."""
     root = ElementTree.fromstring(FIVE_BAR)
     root.remove(root.find("keyframe"))
     world = root.find("worldbody")
@@ -109,16 +108,24 @@ def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_remark_
     for body in bodies:
         world.remove(body)
     for side in ("a", "b"):
-        table = ElementTree.SubElement(world, "body", name=f"table_{side}")
-        ElementTree.SubElement(table, "joint", name=f"table_{side}", type="slide")
-        for body in bodies:
-            table.append(_named(body, side))
+        stand(world, side).extend(_named(body, side) for body in bodies)
     for section in ("equality", "actuator"):
         elements = root.find(section)
         for element in list(elements):
             elements.remove(element)
             elements.extend(_named(element, side) for side in ("a", "b"))
-    text = ElementTree.tostring(root, encoding="unicode")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_remark_says(tmp_path):
+    """The left and the right one stand on carriages of one table."""
+
+    def carriage(world: ElementTree.Element, side: str) -> ElementTree.Element:
+        table = ElementTree.SubElement(world, "body", name=f"table_{side}")
+        ElementTree.SubElement(table, "joint", name=f"table_{side}", type="slide")
+        return table
+
+    text = two_five_bars(carriage)
     (remark,) = (remark for remark in proposed(tmp_path, text).remarks if remark.startswith("platform"))
     assert "no body is moved by all of the motors" in remark
     assert "such as --base table_a" in remark
@@ -188,18 +195,7 @@ def test_copies_of_bodies_are_read_as_mujoco_makes_them(tmp_path):
 
 
 def test_two_legs_that_no_body_joins_move_by_their_joints_or_one_is_held(tmp_path):
-    root = ElementTree.fromstring(FIVE_BAR)
-    root.remove(root.find("keyframe"))
-    world = root.find("worldbody")
-    for body in world.findall("body"):
-        world.remove(body)
-        world.extend(_named(body, side) for side in ("a", "b"))
-    for section in ("equality", "actuator"):
-        elements = root.find(section)
-        for element in list(elements):
-            elements.remove(element)
-            elements.extend(_named(element, side) for side in ("a", "b"))
-    text = ElementTree.tostring(root, encoding="unicode")
+    text = two_five_bars(lambda world, side: world)
     whole = proposed(tmp_path, text)
     assert len(whole.description.platform.joints) == ParallelRobot.from_description(whole.description).n == 4
     names = whole.remarks[-1].partition("--lock ")[2].partition(")")[0].split()

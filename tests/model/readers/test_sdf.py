@@ -1,6 +1,4 @@
-"""SDF: one mechanism in three formats has one plan; poses, axes and nested names mean what SDFormat says."""
-
-from __future__ import annotations
+"""SDF: one mechanism in two formats has one plan; poses, axes and nested names mean what SDFormat says."""
 
 from pathlib import Path
 
@@ -18,7 +16,6 @@ INERTIAL = (
     "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
     "<izz>0.01</izz></inertia></inertial>"
 )
-LENGTHS = {"left_crank": 0.25, "left_rod": 0.25, "right_crank": 0.25, "right_rod": 0.25}
 POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
 PLACES = {"left_crank": "-0.2 0 0", "left_rod": "0.05 0 0", "right_crank": "0.2 0 0", "right_rod": "0.45 0 0"}
 JOINTS = (
@@ -55,19 +52,6 @@ def five_bar(more: str = "", tip_axis: str = axis()) -> str:
     )
 
 
-def five_bar_mjcf() -> str:
-    text = ""
-    for side, x in (("left", -0.2), ("right", 0.2)):
-        inertial = '<inertial pos="0.125 0 0" mass="0.5" diaginertia="0.001 0.01 0.01"/>'
-        rod = (
-            f'<body name="{side}_rod" pos="0.25 0 0"><joint name="{side}_elbow"/>{inertial}'
-            f'<site name="{side}_tip" pos="0.25 0 0"/></body>'
-        )
-        text += f'<body name="{side}_crank" pos="{x} 0 0"><joint name="{side}_motor"/>{inertial}{rod}</body>'
-    loop = '<equality><connect name="tip" site1="left_tip" site2="right_tip"/></equality>'
-    return f"<mujoco><worldbody>{text}</worldbody>{loop}</mujoco>"
-
-
 def five_bar_urdf() -> str:
     text = '<link name="world"/>'
     inertial = (
@@ -102,16 +86,6 @@ def fingers_urdf() -> str:
     return f'<robot name="fingers">{text}</robot>'
 
 
-def fingers_mjcf() -> str:
-    bodies = "".join(
-        f'<body name="{name}" pos="{x} 0 0"><joint name="j{name}" axis="0 1 0"/>'
-        f'<inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body>'
-        for name, x in (("a", 0.2), ("b", -0.2))
-    )
-    coupled = '<equality><joint joint1="jb" joint2="ja" polycoef="0.1 -2 0 0 0"/></equality>'
-    return f'<mujoco model="fingers"><worldbody>{bodies}</worldbody>{coupled}</mujoco>'
-
-
 def fingers_sdf() -> str:
     text = ""
     mimic = '<mimic joint="ja"><multiplier>-2</multiplier><offset>0.1</offset></mimic>'
@@ -126,10 +100,10 @@ def fingers_sdf() -> str:
     return f'<sdf version="1.11"><model name="fingers">{text}</model></sdf>'
 
 
-def test_fingers_that_mimic_have_one_plan_in_three_formats(tmp_path):
+def test_fingers_that_mimic_have_one_plan_in_two_formats(tmp_path):
     """That of the law of motion: what each finger needs, as the first finger feels it."""
     plans = []
-    for name, text in (("a.urdf", fingers_urdf()), ("a.xml", fingers_mjcf()), ("a.sdf", fingers_sdf())):
+    for name, text in (("a.urdf", fingers_urdf()), ("a.sdf", fingers_sdf())):
         (tmp_path / name).write_text(text)
         description = read_any(tmp_path / name, platform_joints=["jb"], motors=["ja"])
         plans.append(short_move(ParallelRobot.from_description(description)))
@@ -155,12 +129,11 @@ def test_a_negative_damping_is_refused_by_the_name_of_its_joint(tmp_path):
         read_any(tmp_path / "a.sdf", platform_joints=["jb"], motors=["ja"])
 
 
-def test_one_mechanism_in_three_formats_has_one_plan(tmp_path):
+def test_one_mechanism_in_two_formats_has_one_plan(tmp_path):
     said = {"axes": ["x", "y"], "motors": ["left_motor", "right_motor"], "reference": POSE}
     plans = []
     for name, text, platform in (
         ("a.sdf", five_bar(), "tip_1"),
-        ("a.xml", five_bar_mjcf(), "left_tip"),
         ("a.urdf", five_bar_urdf(), "tip_parent"),
     ):
         (tmp_path / name).write_text(text)
@@ -170,8 +143,7 @@ def test_one_mechanism_in_three_formats_has_one_plan(tmp_path):
         plans.append(plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]))
     t = np.linspace(0.0, 1.5, 41)
     peak = np.abs(plans[0].torque(t)).max()
-    for other in plans[1:]:
-        np.testing.assert_allclose(other.torque(t), plans[0].torque(t), rtol=0, atol=1e-10 * peak)
+    np.testing.assert_allclose(plans[1].torque(t), plans[0].torque(t), rtol=0, atol=1e-10 * peak)
 
 
 def read(folder: Path, text: str, **said):

@@ -1,7 +1,5 @@
 """URDFs as they are found: mimics, joints of Gazebo, macros, other programs' elements, impossible bodies."""
 
-from __future__ import annotations
-
 import re
 from itertools import combinations
 from pathlib import Path
@@ -19,7 +17,7 @@ from tests.model.readers.test_sdf import five_bar_urdf
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 TIP = ("left_rod", "right_rod")
-POSE = {"left_motor": 1.27186, "left_elbow": -0.83362, "right_motor": 1.08362, "right_elbow": 1.53859}
+POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
 
 
 def link(name: str, more: str = "") -> str:
@@ -232,9 +230,6 @@ def test_an_impossible_limit_stops_what_moves(tmp_path):
 def with_motors(text: str, *names: str) -> str:
     motors = "".join(f'<joint name="{name}"/>' for name in names)
     return text.replace("</robot>", f"<transmission>{motors}</transmission></robot>")
-
-
-POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
 
 
 def test_of_motors_on_all_joints_those_are_taken_that_tell_the_freedoms_apart_best(tmp_path):

@@ -5,8 +5,6 @@ Values are measured anew on samples of the torques, and torques are held against
 all coordinates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """What the motors allow along a path: against linear programs, and against certified torques."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -66,15 +64,6 @@ def test_without_limits_nothing_bounds_the_speed():
     ones = np.ones((5, 2))
     demand = Demand(AffineInSpeed(ones, ones, ones), ones, ones)
     assert np.all(np.isinf(highest_speed(demand, np.full(2, np.inf), np.full(2, np.inf))))
-
-
-def test_the_quickest_law_stays_in_the_range_and_goes_along_its_edge(quickest):
-    curves = limit_curves(quickest)
-    width = curves.highest_acceleration - curves.lowest_acceleration
-    above = (curves.highest_acceleration - curves.acceleration) / width
-    assert np.all((above > 0) & (above < 1))
-    np.testing.assert_array_less(curves.speed, curves.highest_speed)
-    assert np.mean(np.minimum(above, 1 - above) < 0.02) > 0.5  # bang-bang but for smoothness
 
 
 def test_a_torque_is_at_its_limit_where_the_law_is_at_the_edge(quickest):

@@ -1,7 +1,5 @@
 """Bounds of all laws: closed forms, integrals with many digits, and laws that must not be below them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -12,14 +10,13 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing
-from framework.laws.optimal_law import Smoothstep
 from framework.model.description import JointDynamics
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal import path_series, peak_bound
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import bound_duration, bound_peak, find_refuting_bound
-from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
 from framework.planning.request import Request, Specification, specification_of
 from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
@@ -315,27 +312,3 @@ def test_where_the_bound_does_not_hold_there_is_none():
     assert bound_peak(task_of(elastic, LINE, duration=1.5), np.ones(2)) is None
     robot = robots.load("five_bar")
     assert find_refuting_bound(problem_of(robot, duration=1.5).task) is None  # no limit
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["upright", "flat"])
-def test_the_multipliers_prove_the_value_on_many_points_of_a_robot(name):
-    """By the torques themselves at 300 points of each cell, in place of their series."""
-    task, reference = task_of(CASES[name][0](), LINE, duration=1.5), np.array([1.0, 0.7])
-    bound = bound_peak(task, reference)
-    x = (np.arange(300) + 0.5) / 300
-    width = np.diff(bound.edges)[:, None]
-    s = (bound.edges[:-1, None] + width * x).ravel()
-    asked = demand(task.branch, Smoothstep(0), s).torque
-    constant, per_z, per_u = (part / reference for part in asked)
-    share = np.stack([(1 - x) ** 2, 2 * x * (1 - x), x**2])
-    across = np.einsum("kij,iq->kqj", bound.across, share).reshape(-1, 2)
-    along = 2 * (bound.p @ share).ravel() - (across * per_u).sum(axis=1)
-    nu = across + (along / (per_u**2).sum(axis=1))[:, None] * per_u
-    slope = 2 * np.diff(bound.p, axis=1) @ np.stack([1 - x, x]) / width
-    factor = (nu * per_z).sum(axis=1) - slope.ravel()
-    assert factor.min() >= 0.0
-    weights = np.repeat(width / len(x), len(x))
-    gained = weights @ ((nu * constant).sum(axis=1) + 1.5 * np.cbrt(2.0 * factor * bound.lam**2))
-    true = (gained - 1.5 * bound.lam) / (weights @ np.abs(nu).sum(axis=1))
-    assert (1.0 - 1e-3) * true < bound.by_duality < (1.0 + 1e-6) * true

@@ -1,7 +1,5 @@
 """The demand of a path by series: it gives the certified torques of plans, with damping and dry friction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,17 +1,14 @@
 """Limits that are too low: refused with numbers that would do, and planned with these."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoLaw, plan_crossing, plan_scene
+from framework import Line, NoLaw, plan_crossing
 from framework.errors import format_distinct
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
-DRAWS = 2  # of limits of a robot
 NEAR = 0.99  # of limits that would do: they are the least ones to 1 %
 
 
@@ -44,29 +41,6 @@ def test_a_limit_that_is_too_low_is_refused_with_one_that_would_do(limits):
         kept(plan_crossing(robot, LINE, duration=DURATION, **{**limits, **enough}), **{**limits, **enough})
         less = {name: NEAR * limit for name, limit in enough.items()}
         refused(robot, LINE, duration=DURATION, **{**limits, **less})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["five_bar", "biglide", "three_rrr"])
-def test_random_limits_that_are_too_low_are_planned_with_the_ones_that_would_do(name):
-    """Limits below the peaks of the plan that is gentlest on the torques, in its duration."""
-    robot, generator = robots.load(name), np.random.default_rng(1)
-    scene = next(iter(robot.description.scenes))
-    gentle = plan_scene(robot, scene, optimize="peak_torque")
-    times = np.linspace(0.0, gentle.duration, 2001)
-    peaks = {
-        "torque_limit": np.abs(gentle.torque(times)).max(axis=0),
-        "speed_limit": np.abs(gentle.motor_angle(times, 1)).max(axis=0),
-    }
-    planned = 0
-    for _ in range(DRAWS):
-        names = generator.choice(list(peaks), size=generator.integers(1, 3), replace=False)
-        limits = {key: peaks[key].max() * 10 ** generator.uniform(-1.0, -0.5) for key in names}
-        for enough in refused(robot, scene, plan=plan_scene, **limits):
-            within = {**limits, **enough}
-            kept(plan_scene(robot, scene, **within), **within)
-            planned += 1
-    assert planned >= DRAWS
 
 
 def test_a_speed_limit_is_kept_to_rounding_between_samples_too():

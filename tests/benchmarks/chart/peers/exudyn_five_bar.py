@@ -7,29 +7,13 @@
 With mass, rods are rigid bodies too; an elastic one has a massless slider at its tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from framework.numerics.arrays import Array
 from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, FiveBar, Run, start_angles
-
-
-def simulate(
-    robot: FiveBar,
-    torque: Callable[[Array], Array],
-    start: Array,
-    *,
-    step: float,
-    duration: float,
-    **options: Any,
-) -> Run:
-    """Drive the robot by motor torques from rest at `start` (2,) [m]; `options` as in `prepared`."""
-    return prepared(robot, torque, start, step=step, duration=duration, **options)()
 
 
 def prepared(
@@ -63,16 +47,6 @@ def prepared(
     return run
 
 
-def guide(robot: FiveBar, angles: Array, start: Array, *, duration: float) -> Run:
-    """The same with the motors' angles (steps + 1, 2) [rad] imposed, joint side, whatever that takes."""
-    steps = len(angles) - 1
-    mechanism, payload, motors = _assemble(robot, start, (0.0, 0.0))
-    for leg, motor in enumerate(motors):
-        mechanism.guide(motor, angles[:, leg] - angles[0, leg], duration / steps)
-    times, moved, seconds = mechanism.run(payload, steps=steps, duration=duration)
-    return Run(times, start + moved, seconds)
-
-
 def _assemble(
     robot: FiveBar, start: Array, rotor_speeds: tuple[float, float]
 ) -> tuple[Mechanism, Body, list[Marker]]:
@@ -103,7 +77,7 @@ def _crank(
     turn = mechanism.coordinate(crank, ANGLE)
     if stiffness is None:
         return crank, turn
-    return crank, mechanism.rotor(robot.rotor_inertia, turn, stiffness, speed=rotor_speed)
+    return crank, mechanism.rotor(robot.rotor_inertia, turn, stiffness, rotor_speed)
 
 
 def _rod(mechanism: Mechanism, robot: FiveBar, crank: Body, payload: Body, leg: int, angles: Array) -> None:

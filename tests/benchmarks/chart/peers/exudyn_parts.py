@@ -9,8 +9,6 @@ Forces are read at the end of each step, where the generalised-alpha method (in 
 balances them. Its error falls with the square of the step.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,16 +17,12 @@ import exudyn as exu
 import numpy as np
 from exudyn.itemInterface import (
     LoadCoordinate,
-    LoadMassProportional,
-    MarkerBodyMass,
     MarkerBodyPosition,
     MarkerBodyRigid,
     MarkerNodeCoordinate,
     Node1D,
     NodePoint2D,
-    NodePointGround,
     NodeRigidBody2D,
-    ObjectConnectorCoordinate,
     ObjectConnectorCoordinateSpringDamper,
     ObjectConnectorDistance,
     ObjectConnectorSpringDamper,
@@ -48,15 +42,17 @@ SPECTRAL_RADIUS = 0.9  # a little numerical damping, for the algebraic unknowns
 NEWTON = 1e-10  # tolerance, relative and absolute; with 1e-12 Newton's method stalls on rounding
 Body = tuple[Any, Any]  # object, node
 Marker = Any
-X, Y, ANGLE = range(3)  # the coordinates of a planar body
+ANGLE = 2  # of the coordinates of a planar body
 
 
 class Mechanism:
-    """An Exudyn system under construction. Bodies are (object, node); points and coordinates are markers."""
+    """An Exudyn system under construction. Bodies are (object, node); points and coordinates are markers.
 
-    def __init__(self, gravity: Sequence[float] = (0.0, 0.0)) -> None:
+    The plane is horizontal.
+    """
+
+    def __init__(self) -> None:
         self.system = exu.SystemContainer().AddSystem()
-        self.gravity = [*gravity, 0.0]  # [m/s^2] in the plane
 
     def ground(self, place: Sequence[float] | Array) -> Body:
         """A body that stays where it is; its x axis is that of the world."""
@@ -65,29 +61,14 @@ class Mechanism:
     def mass_point(self, mass: float, place: Sequence[float] | Array) -> Body:
         """A body with two coordinates, x and y [m]."""
         node = self.system.AddNode(NodePoint2D(referenceCoordinates=list(map(float, place))))
-        return self._heavy(self.system.AddObject(ObjectMassPoint2D(mass=mass, nodeNumber=node))), node
+        return self.system.AddObject(ObjectMassPoint2D(mass=mass, nodeNumber=node)), node
 
-    def link(
-        self,
-        mass: float,
-        inertia: float,
-        middle: Sequence[float] | Array,
-        angle: float,
-        rates: Sequence[float] = (0, 0, 0),
-    ) -> Body:
+    def link(self, mass: float, inertia: float, middle: Sequence[float] | Array, angle: float) -> Body:
         """A body with three coordinates; `middle` (2,) [m] is its centre of mass, `inertia` about it."""
         place = [*map(float, middle), float(angle)]
-        node = self.system.AddNode(
-            NodeRigidBody2D(referenceCoordinates=place, initialVelocities=list(map(float, rates)))
-        )
+        node = self.system.AddNode(NodeRigidBody2D(referenceCoordinates=place))
         body = self.system.AddObject(ObjectRigidBody2D(nodeNumber=node, mass=mass, inertia=inertia))
-        return self._heavy(body), node
-
-    def _heavy(self, body: Any) -> Any:
-        if any(self.gravity):
-            mass = self.system.AddMarker(MarkerBodyMass(bodyNumber=body))
-            self.system.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=self.gravity))
-        return body
+        return body, node
 
     def point(self, body: Body, along: float = 0.0) -> Marker:
         """The point of a body `along` [m] its x axis from the centre of mass."""
@@ -121,16 +102,9 @@ class Mechanism:
         """One of the coordinates of a body."""
         return self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=body[1], coordinate=number))
 
-    def rotor(
-        self, inertia: float, driven: Marker, stiffness: float, *, offset: float = 0.0, speed: float = 0.0
-    ) -> Marker:
-        """A coordinate with inertia behind a spring to the coordinate `driven`.
-
-        At the start `driven` is ahead by `offset`, and the rotor has a speed.
-        """
-        node = self.system.AddNode(
-            Node1D(referenceCoordinates=[0.0], initialCoordinates=[-offset], initialVelocities=[speed])
-        )
+    def rotor(self, inertia: float, driven: Marker, stiffness: float, speed: float) -> Marker:
+        """A coordinate with inertia and a speed behind a spring to the coordinate `driven`."""
+        node = self.system.AddNode(Node1D(referenceCoordinates=[0.0], initialVelocities=[speed]))
         self.system.AddObject(ObjectMass1D(mass=inertia, nodeNumber=node))
         turn = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
         self.system.AddObject(
@@ -149,19 +123,6 @@ class Mechanism:
 
         self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
 
-    def guide(self, coordinate: Marker, displacements: Array, step: float) -> None:
-        """A motor without limits: displacements (steps + 1,) of a coordinate, each at the end of a step."""
-        table = displacements.tolist()
-
-        def place_at(_system: Any, t: float, _item: int, _offset: float) -> float:
-            return float(table[round(t / step)])
-
-        node = self.system.AddNode(NodePointGround())
-        fixed = self.system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
-        self.system.AddObject(
-            ObjectConnectorCoordinate(markerNumbers=[fixed, coordinate], offsetUserFunction=place_at)
-        )
-
     def prepared(
         self,
         watched: Body,
@@ -169,12 +130,10 @@ class Mechanism:
         steps: int,
         duration: float,
         solver: str = "GeneralizedAlpha",
-        at_rest: bool = True,
     ) -> Callable[[], tuple[Array, Array, float]]:
         """A run from the initial state: times (T,), displacements of the watched body (T, ...), time [s].
 
-        `solver` is one of Exudyn's DynamicSolverType. Without `at_rest`, initial accelerations are computed
-        (which bodies without mass do not allow). Raises ArithmeticError when Exudyn gives up.
+        `solver` is one of Exudyn's DynamicSolverType. Raises ArithmeticError when Exudyn gives up.
         """
         sensor = self.system.AddSensor(
             SensorNode(
@@ -190,7 +149,7 @@ class Mechanism:
         integration.numberOfSteps = steps
         integration.endTime = duration
         integration.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
-        integration.generalizedAlpha.computeInitialAccelerations = not at_rest
+        integration.generalizedAlpha.computeInitialAccelerations = False  # of massless bodies: none
         integration.newton.relativeTolerance = NEWTON
         integration.newton.absoluteTolerance = NEWTON
         integration.newton.useModifiedNewton = True  # the Jacobian is kept while Newton converges
@@ -209,7 +168,3 @@ class Mechanism:
             return rows[:, 0], rows[:, 1:], seconds
 
         return run
-
-    def run(self, watched: Body, **options: Any) -> tuple[Array, Array, float]:
-        """One run; `options` are those of `prepared`."""
-        return self.prepared(watched, **options)()

@@ -11,8 +11,6 @@ DOI 10.1109/IROS.2012.6386109; the page "Computation" of its documentation. What
   mass to accelerate.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco
@@ -31,13 +29,12 @@ def model_of(
     least_mass: float = NEGLIGIBLE,
     step: float = 1e-3,
     integrator: str = "RK4",
-    hard: bool = True,
 ) -> Any:
     """The MuJoCo model (MjModel); joints are named as in the catalogue's robot.
 
-    `hard` makes the loop as hard as MuJoCo allows for this step [s]; otherwise it has MuJoCo's defaults.
+    The loop is as hard as MuJoCo allows for this step [s].
     """
-    loop = f'solref="{SHORT * step!r} 1" solimp="{HARD}"' if hard else ""
+    loop = f'solref="{SHORT * step!r} 1" solimp="{HARD}"'
     legs = "".join(_leg(robot, leg, max(robot.link_mass, least_mass)) for leg in range(2))
     tips = "".join(f'<framepos objtype="site" objname="{side}_tip"/>' for side in SIDES)
     motors = "".join(f'<motor joint="{side}_motor" gear="{GEAR_RATIO!r}"/>' for side in SIDES)

@@ -7,8 +7,6 @@ loop over the steps is MuJoCo's own (`rollout`). What is left is the soft loop (
 again from the initial state and goes on.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,22 +19,6 @@ from mujoco import rollout
 from framework.numerics.arrays import Array
 from tests.benchmarks.chart.peers.five_bar import SIDES, FiveBar, Run, start_angles
 from tests.benchmarks.chart.peers.mujoco_five_bar import model_of
-
-
-def simulate(
-    robot: FiveBar,
-    torque: Callable[[Array], Array],
-    start: Array,
-    *,
-    step: float,
-    duration: float,
-    **options: Any,
-) -> Run:
-    """Drive the robot by motor torques from rest at `start` (2,) [m]; as Exudyn's `simulate`.
-
-    `options` are those of `prepared`, which says what is raised.
-    """
-    return prepared(robot, torque, start, step=step, duration=duration, **options)()
 
 
 def prepared(

@@ -12,8 +12,6 @@ full rank even at the singularity, and what they leave is a second proof. Rigid 
 at the singularity.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

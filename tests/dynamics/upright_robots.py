@@ -1,23 +1,16 @@
-"""Sixty random robots under gravity with elastic drives and links, each across its singular locus.
-
-    python -m tests.benchmarks.upright_robots [--robots 0 7 12] [--softness 1 3] [--law auto]
+"""Random robots under gravity with elastic drives and links, each across its singular locus.
 
 Drawn are the kind of robot, its size, masses and way of standing, a line, an arc or a spline that meets the
 locus of the rigid robot one to three times, and a duration of 0.5 to 3 s. Springs are those of the catalogue
-(for the five-bars those of the paper) and a third of them. Seed and ranges were fixed before the first run,
-and every robot that was drawn counts: what is redrawn is only a path that leaves the workspace or the locus.
+(for the five-bars those of the paper).
 
 A plan is judged by the equations of motion in all coordinates (`tests.oracles.equations_of_motion`), also
 1e-3, 1e-6 and 1e-9 s before and after each crossing.
 """
 
-from __future__ import annotations
-
-import argparse
 import tempfile
-import time
-from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path as Folder
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -33,7 +26,6 @@ from framework import (
     ParallelRobot,
     Spline,
     locate_singularities,
-    plan_crossing,
 )
 from framework.laws.path import Path
 from framework.model.description import RobotDescription
@@ -42,7 +34,7 @@ from tests.dynamics.random_five_bars import _drawn
 from tests.oracles.equations_of_motion import Defects, defects
 from tests.robots.transformed import scaled
 
-COUNT, SEED = 60, 20261122
+SEED = 20261122
 KINDS = {
     "light five-bar": None,
     "heavy five-bar": None,
@@ -63,9 +55,6 @@ SPREAD, BULGE = 0.3, 0.15  # of the length of the scene's path: of its ends, and
 AGAIN = 1 / 6  # share of the paths that meet the locus more than once
 BESIDE = (1e-3, 1e-6, 1e-9)  # [s] before and after each crossing
 FORCE, OPEN = 1e-9, 1e-11  # of the largest force; [m, rad]
-END_SPEED = (
-    1e-3  # of the largest speed of a motor, at the ends: what the law's jumps leave of the springs' rates
-)
 
 
 class Drawn(NamedTuple):
@@ -85,6 +74,26 @@ class Drawn(NamedTuple):
         )
         description = replace(self.description, springs=springs)
         return ParallelRobot.from_description(description, flexibility=flexibility)
+
+
+class Crossing(NamedTuple):
+    """A robot with a path across its locus and a duration."""
+
+    name: str
+    robot: ParallelRobot
+    path: Path
+    duration: float  # [s]
+
+    def plan_arguments(self) -> tuple[ParallelRobot, Path]:
+        """The first two arguments of `plan_crossing`."""
+        return self.robot, self.path
+
+
+@cache
+def rigid_crossing(k: int) -> Crossing:
+    """The k-th of the random robots without its springs."""
+    one = drawn(k)
+    return Crossing(f"{k} {one.kind}", one.robot(1.0, "rigid"), one.path, one.duration)
 
 
 def drawn(k: int) -> Drawn:
@@ -169,35 +178,3 @@ def judged(plan: CrossingPlan) -> Defects:
 def is_right(defect: Defects) -> bool:
     """Whether the equations of motion hold, and the loops are closed."""
     return defect.force <= FORCE and defect.open <= OPEN
-
-
-def main() -> None:
-    """Plan them, judge the plans, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--robots", type=int, nargs="*", default=range(COUNT))
-    parser.add_argument("--softness", type=float, nargs="*", default=(1.0, 3.0))
-    parser.add_argument("--law", default="auto")
-    arguments = parser.parse_args()
-    for softness in arguments.softness:
-        outcomes: Counter[str] = Counter()
-        for k in arguments.robots:
-            asked, started = drawn(k), time.process_time()
-            label = f"{k:3d} {asked.kind:15s} {type(asked.path).__name__:6s} {asked.crossings} crossings"
-            try:
-                plan = plan_crossing(
-                    asked.robot(softness), asked.path, duration=asked.duration, law=arguments.law
-                )
-                defect = judged(plan)
-                at_rest = plan.certificate.end_speed <= END_SPEED
-                outcome = "planned" if is_right(defect) and at_rest else "WRONG"
-                words = f"{plan.law.kind}, force {defect.force:.1e}, loops {defect.open:.1e}, "
-                words += f"speed at the ends {plan.certificate.end_speed:.1e}"
-            except NoAnswer as refusal:
-                outcome, words = "refused", f"{type(refusal).__name__}: {refusal}"
-            outcomes[outcome] += 1
-            print(f"{label}: {outcome} in {time.process_time() - started:.1f} s, {words}", flush=True)
-        print(f"springs 1/{softness:g} as stiff: {dict(outcomes)}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
