@@ -6,7 +6,7 @@ Torques along a path, with a certificate
                             first-order changes
     elasticity              deflections in balance with their forces, by passes; `elastic_pass` is one pass
     restoration             balance of law and deflections by Gauss-Newton, if the passes do not converge; it
-                            uses `balance_equations`, `loaded_balance` and `known_deflections`;
+                            uses `balance_equations`, `loaded_balance` and `deflection_splines`;
                             `loaded_measure` is the distance of that balance from singularity
     torque_response         first-order change of the torques of such a motion with the law
     singularity_crossings   the instants in a Type 2 singularity, with condition (8)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.dynamics.known_deflections import SPLINE_DEGREE, DeflectionSplines, KnownDeflections
+from framework.dynamics.deflection_splines import SPLINE_DEGREE, DeflectionSplines, KnownDeflections
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,
@@ -112,7 +112,7 @@ class LinearBalance:
         by_series.data /= series_sizes[by_series.indices]
         by_scalars = by_scalars / scalar_sizes
         sizes = np.append(series_sizes, scalar_sizes)
-        factor = BandedFactor.of_squares(by_series, WEAK_COLUMN**2)
+        factor = BandedFactor.factor_squares(by_series, WEAK_COLUMN**2)
         coupling = by_series.T @ by_scalars
         eliminated = factor.solve(coupling)
         weak = WEAK_COLUMN**2 * np.eye(len(scalar_sizes))
@@ -152,9 +152,13 @@ class LinearBalance:
         return np.asarray(self.by_series @ of_series + self.by_scalars @ of_scalars)
 
     def _least_change(self, F: Array, rest: Array) -> Array:
-        """Return scaled changes y (C + k, n) that cancel F (T n_e, n) and reduce terms of rest (rows, n).
+        """Solve for scaled changes y (C + k, n) that cancel F, and terms of rest if possible.
 
         y_0 minimises |B y + F|^2 + small^2 |y|^2. Vibrations are added that minimise |R y + rest|.
+
+        Args:
+            F: (T n_e, n) residuals of the balance.
+            rest: (rows, n) terms that vanish at rest.
         """
         y = -self._solve_normal(np.concatenate([self.by_series.T @ F, self.by_scalars.T @ F]))
         V = self.vibrations
@@ -242,22 +246,40 @@ class BalanceEquations:
         return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
-        """Compute derivatives of F = Y' load by the series, sparse (T n_e, C), and by the scalars (T n_e, k).
+        """Compute derivatives of F = Y' load by the series and by the scalars.
+
+        Returns:
+            A sparse matrix (T n_e, C), and an array (T n_e, k).
+        """
+        to_F = state.balance.Y.swapaxes(1, 2)  # (T, n_e, f)
+        return self._slopes_by_series(state, to_F), self._slopes_by_scalars(state, to_F)
+
+    def _slopes_by_series(self, state: BalanceState, to_F: Array) -> Any:
+        """Compute the sparse matrix (T n_e, C) of derivatives of F by the coefficients of the splines.
 
         A coefficient c_ji of spring i changes F_e at a node by the sum over the orders o of F_e,oi b_j^(o),
-        with b_j^(o) the o-th time derivative of the spline j. Scalars change F by central differences.
-        """
-        robot = self.branch.robot
-        columns, units = locked_columns(robot)
-        to_F = state.balance.Y.swapaxes(1, 2)  # (T, n_e, f)
-        n_e = robot.n_e
+        with b_j^(o) the o-th time derivative of the spline j.
 
+        Args:
+            to_F: (T, n_e, f) Y', from loads to F.
+        """
+        robot, n_e = self.branch.robot, self.branch.robot.n_e
         by_deflections = to_F @ deflection_slopes(robot, state.balance, self.orders)  # (T, n_e, orders n_e)
         by_order = by_deflections.reshape(-1, n_e, self.orders, n_e)
         bases = state.samples.bases[: self.orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
         values = (bases[:, None] @ by_order).reshape(-1, n_e, (SPLINE_DEGREE + 1) * n_e)
         splines = state.splines.nodes.columns
         unknowns = (splines[:, :, None] * n_e + np.arange(n_e)).reshape(len(splines), -1)
+        return banded_rows(values, unknowns, state.series.size)
+
+    def _slopes_by_scalars(self, state: BalanceState, to_F: Array) -> Array:
+        """Compute the derivatives (T n_e, k) of F by the scalars of the law, as central differences.
+
+        Args:
+            to_F: (T, n_e, f) Y', from loads to F.
+        """
+        robot = self.branch.robot
+        columns, units = locked_columns(robot)
 
         def balance_at(scalars: Array) -> Array:
             """Compute F (T n_e,) with the rates of the law of other scalars."""
@@ -265,11 +287,11 @@ class BalanceEquations:
             load = load_at_rates(robot, state.balance, prescribed)[:, columns] * units
             return matvec(to_F, load).ravel()
 
-        by_scalars = np.zeros((state.balance.F.size, len(self.steps)))
+        slopes = np.zeros((state.balance.F.size, len(self.steps)))
         for k, change in enumerate(np.diag(self.steps)):
             difference = balance_at(state.scalars + change) - balance_at(state.scalars - change)
-            by_scalars[:, k] = difference / (2.0 * self.steps[k])
-        return banded_rows(values, unknowns, state.series.size), by_scalars
+            slopes[:, k] = difference / (2.0 * self.steps[k])
+        return slopes
 
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.

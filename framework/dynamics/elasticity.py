@@ -21,6 +21,7 @@ from itertools import count
 
 import numpy as np
 
+from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elastic_pass import (
     Pass,
     evaluate_deflected_motion,
@@ -29,7 +30,6 @@ from framework.dynamics.elastic_pass import (
     spring_scale,
 )
 from framework.dynamics.forces import Forces
-from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch

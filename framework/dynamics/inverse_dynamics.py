@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
@@ -24,7 +25,6 @@ from framework.dynamics.elasticity import (
     solve_deflections,
 )
 from framework.dynamics.forces import motor_torque
-from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.motion_checks import (
     check_idle_joints,
     measure_residuals,

@@ -5,8 +5,8 @@ eps = 0 has a smooth solution through the point. The law therefore has one free 
 Gauss-Newton on `balance_equations` finds deflections and scalars together. Nothing is divided by the
 singularity measure, and no second derivative is fed back from one pass to the next.
 
-If the truncation of the series limits the misfit, coefficients are added. If no step lowers the misfit, the
-problem is first solved for stiffer springs, which are then softened stepwise.
+If the cells of the splines limit the misfit, those with the largest misfits are halved. If no step lowers the
+misfit, the problem is first solved for stiffer springs, which are then softened stepwise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from framework.dynamics.balance_equations import (
     LinearBalance,
     Step,
 )
-from framework.dynamics.known_deflections import DeflectionSplines, KnownDeflections
+from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
@@ -32,7 +32,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 
-MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, truncation limits the misfit
+MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
 SETTLED_MISFIT = 2e-14  # rounding

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
+from framework.dynamics.deflection_splines import SplineFunction
 from framework.dynamics.forces import force_changes
-from framework.dynamics.known_deflections import SplineFunction
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,

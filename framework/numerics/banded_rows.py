@@ -29,7 +29,7 @@ class BandedFactor(NamedTuple):
     diagonals: Array
 
     @staticmethod
-    def of_squares(rows: Any, added: float) -> BandedFactor:
+    def factor_squares(rows: Any, added: float) -> BandedFactor:
         """Factor B'B + added I of rows B by Cholesky's method.
 
         Args:

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
+from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
@@ -127,7 +127,7 @@ def _find_balanced_law(
     deflections: KnownDeflections | None = None
     for _ in range(MAX_BALANCES):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
-        crossings = _deformed_crossings(to_cross, timing, deflections.at, law)
+        crossings = _deformed_crossings(to_cross, timing, deflections.evaluate, law)
         places = np.array([point.s for point, _ in crossings])
         miss = float(np.abs(law(times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:

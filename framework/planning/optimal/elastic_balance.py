@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.restoration import BalanceSolution, solve_balance
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.optimal_law import OnParameter, OptimalLaw

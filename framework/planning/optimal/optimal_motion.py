@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.result import InverseDynamics

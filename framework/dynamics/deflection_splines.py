@@ -32,14 +32,17 @@ class SplineNodes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DeflectionSplines(ReadOnlyArrays):
-    """B-splines on `cells` (k + 1,) of a law's parameter p, which may jump at the `panels` (panels + 1,)."""
+    """B-splines of a law's parameter p, smooth on panels between the knots of the path.
 
-    cells: Array
-    panels: Array
+    A function is given by its coefficients (size, ...), one for each spline. It may jump between panels.
+    """
+
+    cells: Array  # (k + 1,) edges of the cells, on each of which a spline is a polynomial
+    panels: Array  # (panels + 1,) edges of the panels, which are among those of the cells
 
     @staticmethod
     def uniform(panels: Array, count: int) -> DeflectionSplines:
-        """Divide panels (panels + 1,) into about `count` cells of similar width."""
+        """Divide panels with edges (panels + 1,) into about `count` cells of similar width."""
         shares = np.diff(panels) / (panels[-1] - panels[0])
         counts = np.ceil(count * shares).astype(int)
         starts = [
@@ -89,21 +92,30 @@ class DeflectionSplines(ReadOnlyArrays):
         return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
 
     def columns(self, intervals: IntArray) -> IntArray:
-        """Return the indices (T, SPLINE_DEGREE + 1) of the splines that are not zero on intervals (T,)."""
+        """Return the indices (T, SPLINE_DEGREE + 1) of the splines that are not zero behind knots (T,)."""
         return intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
 
     def bases(self, intervals: IntArray, p: Array) -> Array:
-        """Compute these splines and two derivatives at p (T,): (3, T, SPLINE_DEGREE + 1)."""
+        """Compute the splines that are not zero, and two derivatives by p: (3, T, SPLINE_DEGREE + 1).
+
+        Args:
+            intervals: (T,) indices of the knots that precede p.
+            p: (T,) points.
+        """
         return np.stack([spline_values(self.knots, SPLINE_DEGREE, intervals, p, k) for k in range(3)])
 
     def combine(self, bases: Array, series: Array) -> Array:
-        """Sum coefficients (size, ...) times `bases` (T, SPLINE_DEGREE + 1) at the nodes: (T, ...)."""
+        """Evaluate functions with coefficients (size, ...) at the nodes: (T, ...).
+
+        Args:
+            bases: (T, SPLINE_DEGREE + 1) the splines that are not zero, or derivatives.
+        """
         return np.einsum("tj,tj...->t...", bases, series[self.nodes.columns])
 
     def fit(self, values: Array) -> Array:
         """Fit coefficients (size, c) to values (T, c) at the nodes, in the least squares."""
         rows = banded_rows(self.nodes.bases[0][:, None], self.nodes.columns, self.size)
-        return BandedFactor.of_squares(rows, 0.0).solve(rows.T @ values)
+        return BandedFactor.factor_squares(rows, 0.0).solve(rows.T @ values)
 
     def insert(self, other: DeflectionSplines, series: Array) -> Array:
         """Return the coefficients (size, c) of functions on coarser cells, given by theirs in `other`.
@@ -149,7 +161,7 @@ class KnownDeflections(NamedTuple):
         dp = rate[:, None]
         return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]
 
-    def at(self, time: float, order: int) -> Array:
+    def evaluate(self, time: float, order: int) -> Array:
         """Compute deflections (n_e,), or their first or second time derivative, at a time [s]."""
         return self(np.array([time]))[order][0]
 
