@@ -6,9 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
+from scipy.linalg import null_space
 
-from framework import CrossingPlan, plan_crossing
+import robots
+from framework import CrossingPlan, plan_crossing, plan_scene
 from framework.dynamics.balance_equations import BalanceEquations
+from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.restoration import deflections_of
 from framework.laws.optimal_law import OnParameter
 from framework.singularity.points_on_path import search_path
@@ -81,3 +84,25 @@ def test_one_step_squares_a_small_error():
     step = equations.linearise(state).step(state)
     new = equations.evaluate(splines, state.series + step.series, np.zeros(0))
     assert new.misfit <= 1e-3 * state.misfit
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "duration"),
+    [
+        ("standing_quadruped", "sway", 0.35),  # redundant motors
+        ("three_rpr", "crossing", 0.35),
+        pytest.param("delta", "cross", 0.12, marks=pytest.mark.slow),
+    ],
+)
+def test_polynomials_too_quick_for_passes_are_in_balance(name, scene, duration):
+    robot = robots.load(name, flexibility="flexible_links")
+    plan = plan_scene(robot, scene, duration=duration, law="polynomial")
+    assert is_right(judged(plan))
+    times = np.linspace(0.1, 0.9, 9) * plan.duration
+    for t, torque in zip(times, plan.torque(times), strict=True):
+        # redundant motors have the torques of least norm: none along directions in which they only strain
+        motion = plan.dynamics.motion(t)
+        speeds, _ = motor_speeds(robot, motion.linearised)
+        straining = null_space(speeds[0].T)
+        held = torque - robot.rotor_inertia * robot.gear_ratio * motion.a[0, robot.actuated]
+        assert np.abs(straining.T @ held).max(initial=0.0) <= 1e-9 * np.abs(torque).max()
