@@ -49,6 +49,7 @@ from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
+MAX_ATTEMPTS = 2  # at a smoother law, where one better than the best motion failed
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001
@@ -162,7 +163,7 @@ class _ElasticSearch:
     stages: of laws that are one series; if no such law exists, of spline laws, to which a series is fitted.
     stage: index of the stage of the next law.
     share: of the least cost, by which a smooth law may exceed it; None for the stage's own.
-    is_near_end: whether the next failure ends the search.
+    attempts: at smoother laws that are left after failures, once there is a best motion.
     last_law: the last law found.
     balance: of the last motion at this stage; None if `resolve` finds the deflections.
     response: of the torques to the law, about that motion.
@@ -178,7 +179,7 @@ class _ElasticSearch:
     stages: tuple[ElasticStage, ...]
     stage: int = 0
     share: float | None = None
-    is_near_end: bool = False
+    attempts: int = MAX_ATTEMPTS
     last_law: Best | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
@@ -222,9 +223,9 @@ class _ElasticSearch:
         Args:
             gap: of the best motion.
         """
-        if self.is_near_end:
+        if not self.attempts:
             return False
-        self.is_near_end = True
+        self.attempts -= 1
         if self.share is None:
             self.stage = min(self.stage + 1, len(self.stages) - 1)
             return True
