@@ -49,6 +49,7 @@ from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
+STAGES_BEFORE_FOLD = 3  # that fail before a fold of the springs is looked for, which takes long
 MAX_ATTEMPTS = 2  # at a smoother law, where one better than the best motion failed
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
@@ -329,7 +330,7 @@ class _ElasticSearch:
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
-        if self.stage == 3:  # the fold of the springs is costly to find: only after three failed stages
+        if self.stage == STAGES_BEFORE_FOLD:
             self._check_ends()
         if self.stage == len(self.stages):
             raise self.first_failure or failure from None
