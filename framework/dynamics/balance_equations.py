@@ -275,23 +275,30 @@ class BalanceEquations:
     def _slopes_by_scalars(self, state: BalanceState, to_F: Array) -> Array:
         """Compute the derivatives (T n_e, k) of F by the scalars of the law, as central differences.
 
+        They are taken about the law of zero scalars, whose neighbours serve all states.
+
         Args:
             to_F: (T, n_e, f) Y', from loads to F.
         """
         robot = self.branch.robot
         columns, units = locked_columns(robot)
 
-        def balance_at(scalars: Array) -> Array:
-            """Compute F (T n_e,) with the rates of the law of other scalars."""
-            prescribed = self._sample(state.splines, state.series, scalars).prescribed
+        def balance_under(clock: Clock) -> Array:
+            """Compute F (T n_e,) at the configurations of the state, with the rates of another law."""
+            motion = clock.motion(state.splines.nodes.p)
+            prescribed = self._prescribe(state.splines, state.series, clock, motion).prescribed
             load = load_at_rates(robot, state.balance, prescribed)[:, columns] * units
             return matvec(to_F, load).ravel()
 
         slopes = np.zeros((state.balance.F.size, len(self.steps)))
-        for k, change in enumerate(np.diag(self.steps)):
-            difference = balance_at(state.scalars + change) - balance_at(state.scalars - change)
-            slopes[:, k] = difference / (2.0 * self.steps[k])
+        for k, (more, less) in enumerate(self._neighbours):
+            slopes[:, k] = (balance_under(more) - balance_under(less)) / (2.0 * self.steps[k])
         return slopes
+
+    @cached_property
+    def _neighbours(self) -> list[tuple[Clock, Clock]]:
+        """The laws with one scalar of plus and of minus its step, for each scalar."""
+        return [(self.family(change), self.family(-change)) for change in np.diag(self.steps)]
 
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
