@@ -10,8 +10,8 @@ in the least squares. Directions that hardly change F are suppressed.
 
 If springs carry inertia, F = 0 is a differential equation, whose solutions differ by free vibrations. Coarse
 cells do not represent these, and finer cells begin from the coarse solution, which is smooth. Where the cells
-represent vibrations, these hardly change F; they are chosen such that the springs are as near to rest at both
-ends as the law allows.
+represent vibrations, these hardly change F. Under a law that begins and ends at rest to its sixth derivative,
+they are chosen such that the springs are as near to rest at both ends as possible.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ from framework.dynamics.loaded_balance import (
     LoadedBalance,
     deflection_slopes,
     evaluate_balance,
-    load_at_rates,
-    locked_columns,
+    forces_of_neighbour,
     spring_units,
 )
 from framework.kinematics.continuation.tracking import Branch
-from framework.laws.optimal_law import Clock, OnParameter
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Clock, OnParameter, OptimalLaw
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
@@ -280,15 +279,12 @@ class BalanceEquations:
         Args:
             to_F: (T, n_e, f) Y', from loads to F.
         """
-        robot = self.branch.robot
-        columns, units = locked_columns(robot)
 
         def balance_under(clock: Clock) -> Array:
-            """Compute F (T n_e,) at the configurations of the state, with the rates of another law."""
+            """Compute F (T n_e,) along the motion under another law, with the deflections of the state."""
             motion = clock.motion(state.splines.nodes.p)
             prescribed = self._prescribe(state.splines, state.series, clock, motion).prescribed
-            load = load_at_rates(robot, state.balance, prescribed)[:, columns] * units
-            return matvec(to_F, load).ravel()
+            return matvec(to_F, forces_of_neighbour(self.branch.robot, state.balance, prescribed)).ravel()
 
         slopes = np.zeros((state.balance.F.size, len(self.steps)))
         for k, (more, less) in enumerate(self._neighbours):
@@ -304,10 +300,13 @@ class BalanceEquations:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
         Rows are the rate and the acceleration of each spring at both ends of the motion, over its largest.
-        There are none if rates cause no forces.
+        There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
+        then springs that do not vibrate are not at rest either.
         """
         splines, prescribed = state.splines, state.samples.prescribed
-        if self.orders == 1:
+        law = state.samples.clock.law
+        is_at_rest = isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS
+        if self.orders == 1 or not is_at_rest:
             return np.zeros((0, state.series.size + len(self.steps)))
         ends = splines.cells[[0, -1]]
         intervals = splines.intervals[[0, -1]]

@@ -34,14 +34,15 @@ class SplineNodes(NamedTuple):
 class DeflectionSplines(ReadOnlyArrays):
     """B-splines of a law's parameter p, smooth on panels between the knots of the path.
 
-    A function is given by its coefficients (size, ...), one for each spline. It may jump between panels.
+    A function is given by its coefficients (size, ...), one for each spline.
     """
 
     cells: Array  # (k + 1,) edges of the cells, on each of which a spline is a polynomial
     panels: Array  # (panels + 1,) edges of the panels, which are among those of the cells
+    continuity: int  # highest derivative that does not jump between panels; -1 if functions jump
 
     @staticmethod
-    def uniform(panels: Array, count: int) -> DeflectionSplines:
+    def uniform(panels: Array, count: int, *, continuity: int) -> DeflectionSplines:
         """Divide panels with edges (panels + 1,) into about `count` cells of similar width."""
         shares = np.diff(panels) / (panels[-1] - panels[0])
         counts = np.ceil(count * shares).astype(int)
@@ -49,18 +50,27 @@ class DeflectionSplines(ReadOnlyArrays):
             np.linspace(start, end, n, endpoint=False)
             for start, end, n in zip(panels[:-1], panels[1:], counts, strict=True)
         ]
-        return DeflectionSplines(np.append(np.concatenate(starts), panels[-1]), panels)
+        return DeflectionSplines(np.append(np.concatenate(starts), panels[-1]), panels, continuity)
 
     def halve(self, chosen: BoolArray) -> DeflectionSplines:
         """Return splines with the chosen cells (k,) halved."""
         middles = 0.5 * (self.cells[1:] + self.cells[:-1])
-        return DeflectionSplines(np.sort(np.append(self.cells, middles[chosen])), self.panels)
+        cells = np.sort(np.append(self.cells, middles[chosen]))
+        return DeflectionSplines(cells, self.panels, self.continuity)
 
     @cached_property
     def knots(self) -> Array:
-        """Knots (size + SPLINE_DEGREE + 1,): the cells' edges, SPLINE_DEGREE + 1 times at edges of panels."""
-        repetitions = np.where(np.isin(self.cells, self.panels), SPLINE_DEGREE + 1, 1)
-        return read_only(np.repeat(self.cells, repetitions))
+        """Knots (size + SPLINE_DEGREE + 1,): the cells' edges, repeated at edges of panels.
+
+        At a knot that is repeated m times, derivatives of order SPLINE_DEGREE - m and less are continuous.
+        """
+        return read_only(self._repeat_edges(SPLINE_DEGREE - self.continuity))
+
+    def _repeat_edges(self, at_joins: int) -> Array:
+        """Repeat edges of cells: SPLINE_DEGREE + 1 times at both ends, `at_joins` times between panels."""
+        repetitions = np.where(np.isin(self.cells, self.panels), at_joins, 1)
+        repetitions[[0, -1]] = SPLINE_DEGREE + 1
+        return np.repeat(self.cells, repetitions)
 
     @property
     def size(self) -> int:
@@ -74,8 +84,12 @@ class DeflectionSplines(ReadOnlyArrays):
 
     @cached_property
     def nodes(self) -> SplineNodes:
-        """NODES_PER_SPLINE points for each spline, beside the mean of its inner knots (Greville abscissa)."""
-        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
+        """NODES_PER_SPLINE points for each spline, beside the mean of its inner knots (Greville abscissa).
+
+        The points are those of splines that may jump between panels.
+        """
+        knots = self._repeat_edges(SPLINE_DEGREE + 1)
+        inner_knots = np.lib.stride_tricks.sliding_window_view(knots[1:-1], SPLINE_DEGREE)
         first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
         counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
         centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])

@@ -9,7 +9,6 @@ treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coeff
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -60,6 +59,7 @@ from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.numerics.time_limit import SearchEnded
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import (
@@ -136,11 +136,25 @@ def resolve_law(
     )
     try:
         return resolve_law_with(known=None)
-    except (NotConverged, UnboundedTorque):
-        if geometry != "rigid":
-            with suppress(NoAnswer):  # the error of the passes is more informative
-                return resolve_law_with(known=deflections_of(searched.branch, law))
-        raise
+    except (NotConverged, UnboundedTorque) as failure:
+        if geometry == "rigid":
+            raise
+        try:
+            return resolve_law_with(known=deflections_of(searched.branch, law))
+        except SearchEnded:
+            raise
+        except NoAnswer as second:
+            raise choose_failure(failure, second) from None
+
+
+def choose_failure(of_passes: NotConverged | UnboundedTorque, of_balance: NoAnswer) -> NoAnswer:
+    """Choose the error to raise, of passes or of deflections in balance: that of the smaller residual.
+
+    A pole that the passes have shown remains the reason.
+    """
+    if not (isinstance(of_passes, NotConverged) and isinstance(of_balance, NotConverged)):
+        return of_passes
+    return min(of_passes, of_balance, key=lambda failure: failure.residual)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
@@ -213,7 +227,7 @@ def resolve(
         result = refinement.evaluate(state)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
-            if refinement.is_hopeless or not state.is_settled:
+            if refinement.is_hopeless:
                 break
             continue
         result = replace(result, certificate=measure_residuals(searched.branch, state, result))

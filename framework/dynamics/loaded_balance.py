@@ -161,6 +161,22 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     return slopes
 
 
+def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
+    """Compute r + K l - J' lambda (T, f) along a neighbouring motion, with the multipliers of a balance.
+
+    Deflections are in the units of `locked_columns`.
+
+    Raises:
+        NotAssembled: the loops do not close along the neighbouring motion.
+    """
+    columns, units = locked_columns(robot)
+    closed = close_loops(robot, prescribed.x, balance.motion.q)
+    _, load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
+    multipliers = balance.multipliers * loop_weights(robot)
+    loop_forces = matvec(closed.linearised.closures.swapaxes(1, 2), multipliers)
+    return (load - loop_forces)[:, columns] * units
+
+
 def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
     """Compute the load (T, nv) at the configurations of a balance, with the rates of another motion."""
     return motion_and_load(robot, prescribed, balance.closed, balance.wrenches, balance.stiffer)[1]

@@ -26,6 +26,7 @@ from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflec
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
 from framework.laws.optimal_law import Clock, InTime, OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
@@ -39,7 +40,7 @@ SETTLED_MISFIT = 2e-14  # rounding
 ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48
-MAX_SPLINES = 600
+MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
@@ -77,14 +78,18 @@ def solve_balance(
         start: deflections from which the search begins, on the cells that they need.
 
     Raises:
-        NotConverged: no deflections in balance were found.
+        NotConverged: no deflections in balance were found. Those that are found may still be unsettled, where
+            more cells do not help; their certificate tells.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
     equations = BalanceEquations(branch, family, steps)
     scalars = np.zeros(len(steps))
     if start is None:
-        splines = DeflectionSplines.uniform(family(scalars).edges, FIRST_CELLS)
+        clock = family(scalars)
+        splines = DeflectionSplines.uniform(
+            clock.edges, FIRST_CELLS, continuity=_continuity_at_knots(robot, clock)
+        )
         series = np.zeros((splines.size, robot.n_e))
     else:
         splines, series = start.splines, start.series / equations.units
@@ -93,6 +98,18 @@ def solve_balance(
         result = _halve_cells(equations, result)
     state = result.state
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
+
+
+def _continuity_at_knots(robot: ParallelRobot, clock: Clock) -> int:
+    """Return the highest derivative of the deflections that does not jump at the knots of a path.
+
+    Springs without inertia follow the forces, jumps included. With inertia, rates and accelerations are
+    continuous too. They are asked for under optimal laws, whose springs are at rest at both ends; under
+    polynomials they would make vibrate what does not, where the path has only two derivatives.
+    """
+    if not robot.elastic_inertia:
+        return -1
+    return 2 if isinstance(clock, OnParameter) else 0
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -191,7 +208,7 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
     state = coarse.state
     # the cells above the geometric mean of the largest misfit and a settled one
     splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
-    if splines.size > MAX_SPLINES:
+    if len(splines.cells) > MAX_CELLS:
         return coarse._replace(is_solved=False)
     start = equations.evaluate(splines, splines.insert(state.splines, state.series), state.scalars)
     fine = _gauss_newton(equations, start)

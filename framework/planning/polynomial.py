@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.inverse_dynamics import choose_failure, resolve
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
@@ -22,6 +22,7 @@ from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
+from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import (
     Condition8,
     CrossingPoint,
@@ -41,7 +42,7 @@ from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 PlannedCrossing = tuple[CrossingPoint, Condition8]
 
 ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
-MAX_BALANCES = 12  # of law and deflections, until the polynomial passes the crossings
+MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
@@ -102,8 +103,10 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         try:
             balanced, deflections = _find_balanced_law(to_cross, request, timing)
             dynamics = resolve_with(lambda *_: balanced, known=deflections)
-        except NoAnswer:
-            raise failure from None  # it says more
+        except SearchEnded:
+            raise
+        except NoAnswer as second:
+            raise choose_failure(failure, second) from None
     law = dynamics.law
     assert isinstance(law, Law)
     _check_advance(law, request, dynamics.crossings, name)
@@ -156,6 +159,8 @@ def _balance_accelerations(
     at_rest = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(at_rest))
     steps = at_rest + ACCELERATION_STEP / request.fixed_duration**2
+    if start is not None and not np.array_equal(start.splines.panels, edges):
+        start = None  # its panels end elsewhere
     balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), steps, start)
     return law_of(balance.scalars), balance.deflections
 

@@ -13,7 +13,6 @@ from tests.dynamics.random_five_bars import five_bar
 
 pytestmark = pytest.mark.slow
 ALUMINIUM = Material.isotropic(70e9, 0.33)
-PLAIN = 10  # passes on one grid that contract well are fewer
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +72,5 @@ def test_a_random_five_bar_on_soft_springs(inertia, seed, tmp_path):
     drawn = five_bar(seed, (1e-4, 1e-3), tmp_path, inertia=inertia)
     robot = drawn.robot(tmp_path)
     plan = plan_crossing(robot, drawn.path, duration=drawn.duration, law="polynomial")
-    assert plan.certificate.passes > PLAIN  # Newton's method was needed
     assert max(plan.certificate.tail, plan.certificate.change) < 1e-10
     assert simulate(robot, plan).tracking_error < 1e-9

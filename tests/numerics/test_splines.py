@@ -27,8 +27,9 @@ def test_values_and_derivatives_are_those_of_scipy(degree, order):
     np.testing.assert_allclose(ours[:-1], theirs, atol=1e-12 * np.abs(theirs).max())
 
 
-def test_halved_cells_keep_a_function_with_a_jump_between_panels():
-    coarse = DeflectionSplines.uniform(np.array([-1.0, 0.3, 1.0]), 12)
+@pytest.mark.parametrize("continuity", [-1, 0, 2])
+def test_halved_cells_keep_a_function_of_two_panels(continuity):
+    coarse = DeflectionSplines.uniform(np.array([-1.0, 0.3, 1.0]), 12, continuity=continuity)
     fine = coarse.halve(RNG.random(len(coarse.cells) - 1) < 0.5)
     series = RNG.normal(size=(coarse.size, 2))
     x = np.concatenate([np.linspace(-1.0, 1.0, 201), [0.3]])
@@ -39,7 +40,7 @@ def test_halved_cells_keep_a_function_with_a_jump_between_panels():
 
 
 def test_a_fit_reproduces_polynomials_of_the_degree_of_the_splines():
-    splines = DeflectionSplines.uniform(np.array([-1.0, 1.0]), 10)
+    splines = DeflectionSplines.uniform(np.array([-1.0, 1.0]), 10, continuity=-1)
     powers = np.arange(SPLINE_DEGREE + 1)
     series = splines.fit(splines.nodes.p[:, None] ** powers)
     x = np.linspace(-1.0, 1.0, 99)

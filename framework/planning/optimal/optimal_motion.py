@@ -258,12 +258,7 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, None)
         else:
             law, dynamics = self._balance_law(law)
-        check_rest(
-            self.task.robot,
-            lambda t: [dynamics.deflection(t, order) for order in range(3)],
-            dynamics.duration,
-            law.smoothness,
-        )
+        check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
 
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:

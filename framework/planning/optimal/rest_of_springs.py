@@ -5,37 +5,30 @@ Balance alone does not ensure this: springs that carry inertia may be in balance
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 
+from framework.dynamics.result import InverseDynamics
 from framework.errors import NotConverged
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
 from framework.tolerances import MAX_END_RATE
 
 END_SAMPLES = 401  # of a motion, for the largest rates of its springs
 NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest; slower springs are not checked, for rounding
 
 
-def check_rest(
-    robot: ParallelRobot, deflections: Callable[[Array], Sequence[Array]], duration: float, smoothness: int
-) -> None:
+def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
     """Check that springs start and stop at rest, as the law does.
 
     Args:
-        deflections: function of times (T,) that returns deflections and rates, each (T, n_e), and, if they
-            are to be checked, accelerations.
-        duration: of the motion [s].
+        dynamics: the motion.
         smoothness: number of derivatives of the law that vanish at both ends.
 
     Raises:
         NotConverged: the rate or acceleration of a spring at an end is more than MAX_END_RATE of its largest.
     """
-    t = np.linspace(0.0, duration, END_SAMPLES)
-    _, *rates = deflections(t)
-    for quantity, values in zip(("rate", "acceleration"), rates, strict=False):
-        values = np.abs(values) / robot.column_scale[robot.elastic]  # (T, n_e)
+    robot = dynamics.robot
+    t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
+    for order, quantity in ((1, "rate"), (2, "acceleration")):
+        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
         at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
