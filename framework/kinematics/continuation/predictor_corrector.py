@@ -162,7 +162,8 @@ class Curves:
     def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
-        A curve that has converged or become too long rests while the others go on.
+        A curve that has converged or become too long rests while the others go on. t (T,) is the length
+        along the curves so far, dt the next secant step.
         """
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
