@@ -83,7 +83,7 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
 
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
-    drift = stack.drift(terms)
+    drift = stack.drift(terms)  # (R, m) second time derivatives of the loop equations without accelerations
     # residuals (R, m) at q, by a Taylor series from the middle back to the start
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
 
@@ -94,8 +94,8 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
 
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
-    rates = closing - 0.5 * stack.drift(terms)
-    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
+    accelerations = closing - 0.5 * stack.drift(terms)  # (R, m) of the loop equations
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, accelerations)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
@@ -202,8 +202,10 @@ class Stepper:
     ) -> State:
         """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
 
-        v (nv,) or (R, nv) and motor torques (n_a,) or (R, n_a) [N m], motor side, are zero by default. The
-        forces of the world are those at t = 0.
+        Args:
+            v: rates (nv,) or (R, nv); zero by default.
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side; zero by default.
+            world: external forces, of which those at t = 0 act.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
@@ -220,10 +222,15 @@ class Stepper:
         return State(new.q.reshape(q.shape), new.v.reshape(rates.shape))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
-        """Compute the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
+        """Compute the state h [s] later under constant torques.
 
         The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
-        result, to the last bit, in any stack. The forces of the `world` (nv,) or (R, nv) are constant, too.
+        result, to the last bit, in any stack.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side.
+            world: generalised external forces (nv,) or (R, nv) [N m, N], constant, too.
         """
         runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
         driven = np.zeros(rates.shape)  # generalised forces of motors and world

@@ -46,8 +46,8 @@ class Polynomials:
         for k in np.unique(index):
             step = self.steps[k]
             is_inside = index == k
-            offset_series = step.length * table.series_of_integral @ step.slope
-            velocity_series = table.series_with_start @ np.vstack([step.start_velocity, step.v])
+            offset_series = step.length * table.to_integral_series @ step.slope
+            velocity_series = table.to_series_with_start @ np.vstack([step.start_velocity, step.v])
             offset[is_inside] = basis[is_inside] @ offset_series
             v[is_inside] = basis[is_inside] @ velocity_series
         return integrate(self.robot, starts, offset), v
@@ -155,8 +155,8 @@ def occurrences(
             q, v = step(np.array([zero]))
             occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    first_terminal = next((k for k, one in enumerate(occurred) if one.terminal), len(occurred))
-    return occurred[: first_terminal + 1]
+    terminal = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
+    return occurred[: terminal[0] + 1] if terminal else occurred
 
 
 def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, float]]) -> Iterator[float]:

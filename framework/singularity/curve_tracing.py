@@ -110,15 +110,18 @@ def _trace_from(
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at `TURN_SHARE` of the largest turn of the tangent. For `inside` and `longest` see
-    `trace_curve`.
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent.
+
+    Args:
+        inside: returns whether each of T configurations (T, nq) is in the region, (T,).
+        longest: largest step [rad, robot lengths].
 
     Returns:
         The points from the start on; why they end, as in `Curve.ends`.
     """
     traced = [start]
     step = min(FIRST_STEP, longest)
-    curvature = np.zeros_like(start.tangent)
+    curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
     while len(traced) < MAX_POINTS:
         point = traced[-1]
         ahead = advance(equations, point, step, curvature)
@@ -187,7 +190,7 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
         if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
             return None
         q = equations.move(q, change)
-        if size < NEWTON_STEP:
+        if size < NEWTON_STEP:  # converged
             ahead = curve_points(q, evaluated, point)
             turn = np.linalg.norm(ahead.tangent - point.tangent)
             return ahead if turn < MAX_TANGENT_TURN else None

@@ -270,7 +270,7 @@ def root_between(
 
     def value_at(share: float) -> float:
         """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
-        if share in (0.0, 1.0):
+        if share in (0.0, 1.0):  # the neighbours themselves, without another correction
             return measure(end if share else start)
         point = advance(equations, start, share * chord, curvature)
         if point is None:
@@ -363,7 +363,8 @@ class Region(NamedTuple):
         x = robot.platform.coordinates(frames_at(robot, q))
         if equations.in_motors:
             motors = robot.actuated[list(equations.free)]
-            offset = difference(robot, self.q, q)[:, motors[robot.sliding[motors]]]
+            sliding = motors[robot.sliding[motors]]  # hinges turn without bound
+            offset = difference(robot, self.q, q)[:, sliding]
         else:
             offset = (x - self.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
