@@ -209,13 +209,13 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     none.
     """
     joints, scale = mechanism.joints, mechanism.column_scale
-    loops = joint_loops_matrix(mechanism, reference)
-    _, allowed = split_row_space(loops, BRANCHES_MEET)  # (f, joints) motions that the loops allow
+    # (f, joints) motions that the loops allow
+    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
     directions: list[Array] = []
-    draws = NEARBY_DRAWS if len(allowed) > 1 else len(allowed)  # a single motion need not be drawn twice
-    for _ in range(draws):
+    # a single motion need not be drawn twice
+    for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,)

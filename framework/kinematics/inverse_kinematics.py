@@ -229,7 +229,7 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right` (T, k)."""
+        """Add turns Z y to `rates` (..., T, nv) for Z' G (rates + Z y) = `right` (T, k)."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]  # (..., T, k)
         return rates + np.matvec(self.motions, y)
@@ -301,7 +301,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute motions (T, nv, k) of the moving joints that undo k changes of F, `gaps` (T, n + m, k)."""
+    """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
     # the factors solve for right sides (..., T, n + m)
     closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
     motions = np.zeros((len(gaps), robot.nv, len(closing)))

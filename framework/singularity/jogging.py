@@ -123,7 +123,9 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
 def _proximity_level(value: float, usual: float) -> str:
     """Return regular, near or singular by comparing a least singular value with its usual size.
 
-    The usual size is at least SINGULAR_RATIO, as the reference itself may be nearly singular.
+    Args:
+        value: the least singular value at a pose.
+        usual: that at the reference. At least SINGULAR_RATIO counts, as the reference may be nearly singular.
     """
     usual = max(usual, SINGULAR_RATIO)
     if value >= NEAR_SINGULAR_RATIO * usual:
@@ -153,19 +155,21 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # the largest motion is t_s / size: either its shift or its turn has the largest value allowed
-    size = max(linear / (shift * robot.length), angular / largest_turn)
+    # the largest motion is t_s / divisor: either its shift or its turn has the largest value allowed
+    divisor = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
-    if size == 0 or np.linalg.matrix_rank(E) < robot.n:
+    if divisor == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
 
-    largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
+    largest_change = np.linalg.solve(E, pose.twist / divisor)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
     stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
-    return LooseMotion(stack.q, shift=linear / size, turn=angular / size, motors=motor_motions.max(axis=0))
+    return LooseMotion(
+        q=stack.q, shift=linear / divisor, turn=angular / divisor, motors=motor_motions.max(axis=0)
+    )
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -286,10 +290,13 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Compute q (nq,) just before the singularity that lies at a turn of size `angle` and this sign.
+        """Compute q (nq,) just before a singularity, else at the start.
 
-        The motor stops at tenfold growing distances before the singularity until a pose is found, else at the
-        start.
+        The motor stops at tenfold growing distances before the singularity until a pose can be computed.
+
+        Args:
+            angle: size of the motor's turn to the singularity [rad, m].
+            sign: direction of the turn, 1 or -1.
         """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         while angle > retreat:

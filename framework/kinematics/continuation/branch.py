@@ -200,8 +200,8 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
         sound, offsets = _trusted_offsets(branch, guess, x, share)  # (k,) indices, (k, nv)
         if len(sound) < MIN_SOUND_NODES:
             break
-        fit = np.linalg.lstsq(basis[sound], offsets, rcond=None)
-        series = np.asarray(fit[0], dtype=float)  # (degree + 1, nv)
+        # (degree + 1, nv) by least squares
+        series = np.asarray(np.linalg.lstsq(basis[sound], offsets, rcond=None)[0], dtype=float)
         guess = integrate(robot, branch.origin, basis @ series)  # of the next round
 
         misfit = np.abs((basis[sound] @ series - offsets) / lengths).max()

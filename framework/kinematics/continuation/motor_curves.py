@@ -205,7 +205,7 @@ def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the next Type 2 singularity ahead, if there is one.
+    """Move the curves `rows` to the next Type 2 singularity ahead, where one exists.
 
     Args:
         curves: all curves; those that end are changed in place.
