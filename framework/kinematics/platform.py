@@ -240,7 +240,7 @@ class JointPlatform(_Coordinates):
 
     @staticmethod
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
-        """Return the platform whose coordinates are the positions of named hinges and slides."""
+        """Return the platform whose coordinates are the positions of the hinges and slides `names`."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         nothing = np.empty(0, dtype=np.intp)  # no coordinate is a translation of the frame
         return JointPlatform(

@@ -53,8 +53,11 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
 
     The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows are left
     out of J. A further loss of rank is a singularity of the closures and adds no allowed motion.
+
+    Args:
+        tangent: the terms of the equations at T states.
     """
-    robot, rows = equations.robot, tangent.jacobian.shape[1]
+    robot, rows = equations.robot, tangent.jacobian.shape[1]  # number of the independent loop equations
     scale = robot.column_scale[:, None]  # (nv, 1)
 
     # null space of the loops, in joint rates divided by their scale

@@ -116,6 +116,7 @@ def simulation_result(
     """Return the result of a run, with states at equidistant instants and errors.
 
     Args:
+        method: name of the method, of `METHODS`.
         planned: the planned motion with which the run is compared, if any.
         samples: number of equidistant instants; fixed steps are reported at their ends instead.
         seconds: computing time [s].

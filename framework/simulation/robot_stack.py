@@ -164,7 +164,7 @@ class RobotStack:
 def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
     """Compute the terms of one run that depend on velocities, at q (nq,) and v (nv,).
 
-    The screws of the joints, from which frames are collected, are computed, too.
+    The screws of the joints, from which frames are collected, are computed in the memory `scratch`, too.
 
     Returns:
         The bias forces (nv,); the twists of all bodies and their time derivatives (2, bodies, 6).

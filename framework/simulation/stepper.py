@@ -60,7 +60,7 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
 
 
 def _implicit_mass(mass: Array, stack: RobotStack, d: float) -> Array:
-    """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
+    """Compute M + d^2 K + d D (R, nv, nv) for mass matrices M, `mass`, and a time d [s].
 
     K and D are the diagonal matrices of the springs and dampers of the joints.
     """
@@ -76,6 +76,10 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     All terms are evaluated in the predicted middle of the step. The equations are solved twice. The first
     acceleration is a guess. It predicts the velocity in the middle, on which the bias forces and the drift
     of the loops depend.
+
+    Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
     """
     robot, (q, v) = stack.robots[0], start
     middle = integrate(robot, q, 0.5 * h * v)
@@ -108,6 +112,8 @@ def _step_by_euler(
     q + h v, so that a part without mass is in balance after the step.
 
     Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
         closing_rate: rates (R, m) of the loop equations after the step. By default the step closes
             CLOSING_SHARE of every gap.
 
@@ -132,12 +138,16 @@ def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> Sta
 
     The result is twice that of two half steps minus that of one whole step. Extrapolation requires that whole
     and half steps approach the same solution. So all of them close the loops at the same rate.
+
+    Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
     """
     whole, closing_rate = _step_by_euler(stack, start, driven, h)
     half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)
     halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
-    correction = difference(robot, whole.q, halves.q)
+    correction = difference(robot, whole.q, halves.q)  # 2 halves - whole is halves + (halves - whole)
     return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
 
@@ -242,7 +252,11 @@ class Stepper:
         return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each."""
+        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+        """
         platform, rates = self.stack.robots[0].platform, np.atleast_2d(v)
         frames = self.stack.terms(np.atleast_2d(q), rates).frames
         x = platform.coordinates(frames)

@@ -171,7 +171,10 @@ def _measure_type_1(branch: Branch) -> Measured:
 
 
 def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
-    """Add a continuation to a branch at the first of several s where one succeeds; None if none does."""
+    """Add a continuation to a branch at the first of the `suspects` s where one succeeds; None if none does.
+
+    Where the branch has a continuation already, no other is tried.
+    """
     for s in suspects:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)

@@ -149,7 +149,9 @@ def _trace_branches(
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
-    `longest` is the longest step [rad, robot lengths].
+    Args:
+        region: where curves are followed.
+        longest: longest step along a curve [rad, robot lengths].
 
     Returns:
         Each curve with its branch points (S = 1 each).

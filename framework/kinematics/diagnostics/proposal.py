@@ -454,7 +454,7 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the serial joints into joints without loops beyond and joints that carry loops.
+    """Split the serial joints by whether they carry a loop.
 
     Joints that the options name or that carry the platform are left out.
 
