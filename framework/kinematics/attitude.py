@@ -145,7 +145,10 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couple (e + u) / (1 + e . u) and its rate, (T, 1, 3) each, for u and its rate `du`."""
+        """Compute the couple (e + u) / (1 + e . u) and its rate, (T, 1, 3) each.
+
+        `du` (T, 3) is the rate of the direction u (T, 3).
+        """
         i = self.frame_axis  # e is a unit vector of the base, so e . u is the component i of u
         divisor = 1.0 + u[:, i, None]
         couple = (np.eye(3)[i] + u) / divisor  # (T, 3)

@@ -252,9 +252,9 @@ def accelerations(
     """Compute joint accelerations (T, nv) at T states.
 
     Args:
-        torque: motor torques (T, n_a) [N m], motor side.
         q, v: configurations (T, nq) and velocities (T, nv) that close the loops.
-        applied: generalised external forces (T, nv).
+        torque: motor torques (T, n_a) [N m], motor side.
+        applied: generalised external forces (T, nv) [N m, N].
 
     Raises:
         InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
@@ -262,7 +262,7 @@ def accelerations(
     """
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
-    force = equations.motor_forces(torque) + applied - tangent.force
+    force = equations.motor_forces(torque) + applied - tangent.force  # (T, nv) without the loop forces
     for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)

@@ -81,8 +81,9 @@ def simulate(
         step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
         damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
-        wrenches: external wrenches, as for `plan_crossing`; by default those of the planned motion; {} for
-            none. A table over s needs a planned motion, which determines s at each instant.
+        wrenches: external wrenches by link or joint, each on this body at its origin, (force, moment) (6,)
+            [N, N m] or a table over s; by default those of the planned motion; {} for none. A table needs a
+            planned motion, which determines s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
         samples: number of equidistant instants in the result of reference and stiff; the other methods

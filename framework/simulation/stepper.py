@@ -60,9 +60,9 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
 
 
 def _implicit_mass(mass: Array, stack: RobotStack, d: float) -> Array:
-    """Compute M + d^2 K + d D (R, nv, nv) for mass matrices M, `mass`, and a time d [s].
+    """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
 
-    K and D are the diagonal matrices of the springs and dampers of the joints.
+    K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
     """
     matrix = mass.copy()
     diagonal = range(mass.shape[1])

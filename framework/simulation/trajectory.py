@@ -39,9 +39,9 @@ class Polynomials:
         """
         index = _step_index(self.edges, t)  # (T,) of the step that contains each time
         table = self.steps[0].table
-        times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[index]) / lengths[index])  # (T, s + 1)
-        starts = np.array([step.start for step in self.steps])[index]
+        begins, lengths = np.array([(step.time, step.length) for step in self.steps]).T  # (K,) each
+        basis = table.basis((t - begins[index]) / lengths[index])  # (T, s + 1)
+        starts = np.array([step.start for step in self.steps])[index]  # (T, nq)
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
             step = self.steps[k]
@@ -149,7 +149,9 @@ def occurrences(
     states = step(times)
     for event in events:
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
+        # the old value at the start, then the new values at all instants
+        start = times[0], last_values.get(event, values[0])
+        points = [start, *zip(times, values, strict=True)]
         last_values[event] = values[-1]
         for zero in _find_zeros(event, step, points):
             q, v = step(np.array([zero]))

@@ -108,7 +108,7 @@ class Slope(NamedTuple):
 
     g: float
     slope: float  # dg/dp
-    g_above: float  # g at the upper end of the stencil, where its sign can be compared with another measure's
+    g_above: float  # g at the upper end of the stencil, which has a sign also where p is a root
     second_derivative: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
 
 
@@ -125,7 +125,7 @@ class Root(NamedTuple):
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the points (3,) of a central difference about p, clipped to [low, high].
 
-    They are p in the middle, and p minus and plus a `DIFFERENCE_STEP`.
+    The outer points are a share `DIFFERENCE_STEP` of the interval away from p.
     """
     half = DIFFERENCE_STEP * (high - low)
     return np.clip([p - half, p, p + half], low, high)

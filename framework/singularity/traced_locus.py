@@ -402,7 +402,7 @@ class Region(NamedTuple):
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
-        margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge
+        margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge, to a tenth of it
 
         def excess(point: Points) -> float:
             """Compute the excess of the least determinant of a leg over that at the edge."""

@@ -136,7 +136,8 @@ class PoseSearch:
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS  # see `_bounds`
+        # with sizes of 1 the room is the determinant less its least value
+        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -347,6 +348,8 @@ class PoseSearch:
 
     def _bounds(self, q: Array, X: Array, loops: Array, Z: Array) -> tuple[Array, Array]:
         """Compute `room` (2 f + 2,) and `room_slopes` (2 f + 2, n) of an `_Iterate`.
+
+        Finite differences along Z give the slopes of the determinants.
 
         Args:
             X: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.

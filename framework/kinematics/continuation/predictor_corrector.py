@@ -43,9 +43,8 @@ MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 # chord, and of the gain in s.
 MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
-MAX_ARC_LENGTH = (
-    2 * MAX_PREDICTOR_MOVE
-)  # [rad, lengths] norm over all joints; no farther turning point counts
+# [rad, lengths] norm over all joints; no farther turning point counts
+MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
 MAX_SECANTS = 12
 
 

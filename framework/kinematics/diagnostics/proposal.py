@@ -339,8 +339,9 @@ def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platf
     """Return platforms to try, most likely first, on frames that every motor moves."""
     scored: list[tuple[float, Platform]] = []
     for number, frame, joint_twists in _moved_frames(motions, partial):
-        # frames named like a tool come first, then frames in the order of the file
-        frame_score = any(tool in frame.lower() for tool in NAMES_OF_TOOLS) - 0.001 * number
+        # frames named like a tool come first; the order in the file decides between equal scores
+        is_named_like_tool = any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
+        frame_score = is_named_like_tool - 0.001 * number
         twists = joint_twists @ motions.working  # (6, w)
         for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, partial):
             scored.append((axes_score + frame_score, platform))
@@ -454,7 +455,7 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the serial joints by whether they carry a loop.
+    """Split the serial joints into joints that carry loops and others.
 
     Joints that the options name or that carry the platform are left out.
 
