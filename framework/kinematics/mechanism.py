@@ -291,11 +291,12 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
     Raises:
         RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
     """
-    file, moving = parsed.description.file, copy_without_shapes(parsed.urdf)
-    make_continuous_joints_revolute(moving)
-    insert_springs(moving, springs)
+    file = parsed.description.file
+    urdf = copy_without_shapes(parsed.urdf)  # changed in place below
+    make_continuous_joints_revolute(urdf)
+    insert_springs(urdf, springs)
     try:
-        model = tree_model(moving, _anisotropic_balls(parsed.urdf, parsed.description))
+        model = tree_model(urdf, _anisotropic_balls(parsed.urdf, parsed.description))
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:
@@ -307,7 +308,10 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
 
 
 def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero."""
+    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero.
+
+    The parameters are stated on the axes of the file, so these axes must not be turned.
+    """
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")

@@ -288,7 +288,8 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
-    bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
+    bracket = np.zeros_like(motions)
+    balls = ball_columns(robot.model)  # (b, 3)
     if len(balls):
         bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
     return bracket

@@ -227,7 +227,8 @@ class Equations(ReadOnlyArrays):
             columns: columns (k,) of the moving joints, those of the n_a motors first.
             n_a: number of motors.
         """
-        carried, n = scratch_of(mechanism).carried, platform.n  # (F, nv) 1 where a joint carries a frame
+        carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
+        n = platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(mechanism.nv)

@@ -222,9 +222,10 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
         lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
         if lower == upper:
             continue
-        name, unit = joint.get("name", ""), "m" if kind == "prismatic" else "rad"
-        own = model.joints[model.getJointId(name)]
-        limits.append(JointLimit(name, own.idx_q, own.idx_v, lower, upper, unit))
+        name = joint.get("name", "")
+        unit = "m" if kind == "prismatic" else "rad"
+        model_joint = model.joints[model.getJointId(name)]
+        limits.append(JointLimit(name, model_joint.idx_q, model_joint.idx_v, lower, upper, unit))
     return tuple(limits)
 
 

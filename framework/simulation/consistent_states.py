@@ -57,13 +57,14 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     Args:
         tangent: the terms of the equations at T states.
     """
-    robot, rows = equations.robot, tangent.jacobian.shape[1]  # number of the independent loop equations
+    robot = equations.robot
+    m = tangent.jacobian.shape[1]  # number of independent loop equations
     scale = robot.column_scale[:, None]  # (nv, 1)
 
     # null space of the loops, in joint rates divided by their scale
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
     U, values, V_rows = np.linalg.svd(J)
-    Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
+    Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
 
     # motions along the eigenvectors of the reduced mass matrix; without mass if their inertia is rounding
     mass = tangent.mass * scale * scale[:, 0]

@@ -220,7 +220,8 @@ class Stepper:
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
-        robot, q = self.stack.robots[0], np.asarray(q, dtype=float)
+        robot = self.stack.robots[0]
+        q = np.asarray(q, dtype=float)
         leading = q.shape[:-1]  # (R,), or () for a single run
         v = np.zeros(robot.nv) if v is None else v
         torque = np.zeros(robot.n_a) if torque is None else torque
@@ -257,7 +258,8 @@ class Stepper:
         Args:
             q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
         """
-        platform, rates = self.stack.robots[0].platform, np.atleast_2d(v)
+        platform = self.stack.robots[0].platform
+        rates = np.atleast_2d(v)
         frames = self.stack.terms(np.atleast_2d(q), rates).frames
         x = platform.coordinates(frames)
         twist = matvec(platform.jacobian(frames), rates)

@@ -53,7 +53,7 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    sigma_A = singular_values(A)[:, -1]
+    sigma_A = singular_values(A)[:, -1]  # (T,)
     if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)

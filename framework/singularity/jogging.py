@@ -80,7 +80,8 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     """Describe the distance of a configuration q (nq,) from singularities of Type 1 and Type 2.
 
     The level of each type follows from the least singular value of its matrix, divided by its usual size: the
-    value at the reference. Type 2 counts before Type 1. `stopped` says why a motion to q ended early.
+    value at the reference. Near both types the result describes Type 2. `stopped` says why a motion to q
+    ended early.
 
     Raises:
         InvalidInput: q is not assembled.
@@ -93,7 +94,8 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     level = _proximity_level(type1_value, usual_type1_value)
     type2_level = _proximity_level(type2_value, usual_type2_value)
 
-    kind, verdict = "", "regular: the motors hold the platform in every direction"
+    kind = ""
+    verdict = "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
         level = type2_level
         kind = uncontrolled_motion(robot, linearised).kind

@@ -84,7 +84,7 @@ class Classification(ReadOnlyArrays):
     sigma_A: float  # smallest singular value of A, dimensionless, 0 .. 1
     length: float  # [m] characteristic length of all dimensionless quantities
     torque_norm: float  # largest 2-norm of all motor torques per newton, joint side [N m/N, N/N for slides]
-    torque_largest: float  # largest torque of a single motor, likewise
+    torque_largest: float  # largest torque of a single motor per newton, joint side
     motor_torque_norm: float  # `torque_norm` on the motor side of the gears
     motor_torque_largest: float  # `torque_largest` on the motor side
     pressure_angle: Array  # (n_a,) [rad], NaN where undefined

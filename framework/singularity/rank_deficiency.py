@@ -108,7 +108,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 def _refine_root(
     measured: Measured, candidate: Candidate, size: int, largest_residual: float
 ) -> Contact | None:
-    """Refine a candidate for a root of g by Newton's method; None if the matrix loses no rank near by.
+    """Refine a candidate for a root of g by Newton's method; None without a loss of rank.
 
     Args:
         size: number of columns of the border.

@@ -159,7 +159,8 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
     rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
     linearised = closing.linearised.select(rows)
-    starts, length = select(current, rows), length[rows]
+    starts = select(current, rows)
+    length = length[rows]
     ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
         rate=rates_closing_loops(robot, linearised, turn[rows]),

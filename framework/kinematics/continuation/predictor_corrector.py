@@ -169,7 +169,8 @@ class Curves:
         c /= np.linalg.norm(c, axis=1, keepdims=True)
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
-        t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
+        t = np.zeros(len(q))
+        dt = np.full(len(q), FIRST_SECANT_LENGTH)
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it

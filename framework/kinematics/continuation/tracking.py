@@ -112,11 +112,13 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     require_square(robot)
     if distance < FILE_ROUNDING * robot.length:
-        closed, steps = close_loops(robot, target[None], reference.q[None]), 1
+        closed = close_loops(robot, target[None], reference.q[None])
+        steps = 1
     else:
         segment = Line(reference.x, target)
         branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-        closed, steps = branch.close(1.0), len(branch.s)  # cheap, since s = 1 is a knot
+        closed = branch.close(1.0)  # cheap, since s = 1 is a knot
+        steps = len(branch.s)
     return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
 
 
@@ -318,8 +320,9 @@ def _branch_end_error(
     path in the message.
     """
     last = followed.last
-    s, linearised = float(last.s[0]), last.linearised
+    s = float(last.s[0])
     x = path(s)
+    linearised = last.linearised
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")

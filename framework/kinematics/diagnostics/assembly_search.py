@@ -160,7 +160,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
-    groups, directions = [], mechanism.directions
+    groups = []
+    directions = mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(depends[rows].any(axis=0))

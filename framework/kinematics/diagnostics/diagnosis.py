@@ -136,7 +136,8 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     Raises:
         NotAssembled, SingularReference: see `check_robot`.
     """
-    gap, remarks = None, list[str]()
+    gap = None
+    remarks = list[str]()
     try:
         mechanism, closing = assemble_mechanism(mechanism)
     except NotAssembled as failure:
