@@ -52,7 +52,7 @@ class LoopStructure(ReadOnlyArrays):
 
     @staticmethod
     def from_matrices(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Determine the structure from Jacobians of platform and loops at nearby poses.
+        """Determine the structure from Jacobians at the reference and at nearby poses.
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.

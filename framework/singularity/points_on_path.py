@@ -79,7 +79,8 @@ class SearchedPath(NamedTuple):
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
     """Follow the path; find its singular points to rounding, and its near misses.
 
-    Singular points of Type 1 are excluded first. Then the loss of rank of the passive columns P is located.
+    A path through a Type 1 singularity is refused first. Then the points are located where the passive
+    columns P lose rank.
 
     Args:
         branch: the path as followed by `track_path`, if known.
