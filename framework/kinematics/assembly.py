@@ -96,7 +96,8 @@ def close_reference(mechanism: Mechanism) -> Closing:
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     """Close all loops from `start` (nq,) by Newton steps of least norm in the columns `free` (k,).
 
-    A line search halves each step until the norm of the loop equations decreases.
+    A line search halves each step until the norm of the loop equations decreases. If the loops do not close,
+    the result is the best iterate.
     """
     q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
     iterations = 0
@@ -208,10 +209,12 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     none.
     """
     joints, scale = mechanism.joints, mechanism.column_scale
-    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
+    # (f, joints) motions that the loops allow
+    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
     directions: list[Array] = []
+    # a single motion need not be drawn twice
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])

@@ -99,10 +99,13 @@ class TwistAngle(Attitude):
     """The turn about one axis by the swing-twist decomposition: the remaining rotation is the smallest."""
 
     def coordinates(self, rotation: Array) -> Array:
-        """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
+        """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic.
+
+        For a turn by an angle t about the axis alone, the two arguments are 2 sin t and 2 cos t.
+        """
         i = int(self.axes[0])
         j, k = (i + 1) % 3, (i + 2) % 3
-        sine = rotation[:, k, j] - rotation[:, j, k]  # sine and cosine, both times the same factor
+        sine = rotation[:, k, j] - rotation[:, j, k]  # sine and cosine of the angle, times the same factor
         cosine = rotation[:, j, j] + rotation[:, k, k]
         return np.arctan2(sine, cosine)[:, None]
 
@@ -120,7 +123,10 @@ class DirectionChart(Attitude):
 
     @abstractmethod
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couples (T, k, 3) and their rates, analytic in u and its rate du (T, 3)."""
+        """Compute the couples and their rates, (T, k, 3) each, for u (T, 3) and its rate du (T, 3).
+
+        Both are analytic in u and du, so complex steps differentiate them.
+        """
 
     def couples(self, rotation: Array) -> Array:
         u = rotation[:, :, self.frame_axis]
@@ -139,11 +145,14 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couple (e + u) / (1 + e . u), (T, 1, 3), and its rate."""
-        i = self.frame_axis
-        size = 1.0 + u[:, i, None]
-        couple = (np.eye(3)[i] + u) / size  # (T, 3)
-        rate = (du - couple * du[:, i, None]) / size
+        """Compute the couple (e + u) / (1 + e . u) and its rate, (T, 1, 3) each.
+
+        `du` (T, 3) is the rate of the direction u (T, 3).
+        """
+        i = self.frame_axis  # e is a unit vector of the base, so e . u is the component i of u
+        divisor = 1.0 + u[:, i, None]
+        couple = (np.eye(3)[i] + u) / divisor  # (T, 3)
+        rate = (du - couple * du[:, i, None]) / divisor
         return couple[:, None], rate[:, None]
 
 
@@ -187,7 +196,8 @@ class TwoAngles(DirectionChart):
     def coordinates(self, rotation: Array) -> Array:
         """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
         u = rotation[:, :, self.frame_axis]
-        along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T
+        along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T  # (T,) each
+        # u = h sin x_2 a + cos x_2 (cos x_1 c - h sin x_1 b), with the handedness h and cos x_2 >= 0
         first = np.arctan2(-self.handedness * along_b, along_c)
         second = np.arctan2(self.handedness * along_a, np.hypot(along_b, along_c))
         return np.stack([first, second], axis=1)
@@ -201,6 +211,7 @@ class TwoAngles(DirectionChart):
             p' = q'/q^2 - 2 g p,   b' = h u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """
         a = np.eye(3)[self.axes[0]]
+        # the first couple a - (a.u) p
         au, dau = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
         q, dq = u - au * a, du - dau * a  # (T, 3)
         square = dot(q, q)[:, None]
@@ -239,9 +250,9 @@ class RotationVector(Attitude):
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r.
 
-        r and dr/dt are the arguments x and dx, with their components in the stated order.
-        w = u + a f + b s with f = r x u and s = r x f. For u = dr, w is the angular velocity. The rates of f
-        and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
+        r and dr/dt are the arguments x and dx, with their components in the stated order, as u and du have.
+        w = u + a f + b s with f = r x u and s = r x f. For u = dr/dt, w is the angular velocity. The rates of
+        f and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
         functions of |r|^2, whose rate is 2 r.dr.
         """
         r, dr, u, du = map(self._vector, (x, dx, u, du))

@@ -71,9 +71,10 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have zero wrenches.
 
-    The axis u turns with the first frame and the axis w with the second; d leads from the first origin to the
-    second. With velocities v_1, v_2 and angular velocities w_1, w_2 of the frames the three kinds of products
-    have the rates
+    The residual of a row is weight (a . b) - constant, with its `row_factors` a and b. The axis u turns with
+    the first frame and the axis w with the second; d leads from the first origin to the second. With
+    velocities v_1, v_2 and angular velocities w_1, w_2 of the frames the three kinds of products have the
+    rates
 
         (u . d)' = u . (v_2 - v_1 - w_1 x d)      power of the force u
         (d . d)' = 2 d . (v_2 - v_1)              power of the force 2 d
@@ -93,27 +94,30 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     """Compute changes (..., m, 6) of the rows' wrenches about the base's origin, to first order.
 
-    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. The
-    wrench of a row consists of a force f along a and a couple along b x a, with the `row_factors` a and b, at
-    the second frame's origin p. With primes for changes, it changes by the force f' and the moment
-    b' x a + b x a' + p' x f + p x f', weights left out.
+    The wrench of a row consists of a force f along a and a couple along b x a, with the `row_factors` a and
+    b, at the second frame's origin p. With primes for changes, f changes by f'. The moment changes by
+    p' x f + p x f' and, in rotation rows, by the weighted b' x a + b x a'.
+
+    Args:
+        placements: axes and origins (..., F, 4, 3) of the frames.
+        changes: changes of these, of the same shape.
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
     p, dp = (origins[..., rows.second, 3, :] for origins in (placements, changes))
     weight = rows.force_weight[:, None]
     force_change = weight * da
-    couple = cross(dp, weight * a) + cross(p, force_change)
-    if not rows.only_translations:
-        couple += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
-    return np.concatenate(np.broadcast_arrays(force_change, couple), axis=-1)
+    moment_change = cross(dp, weight * a) + cross(p, force_change)
+    if not rows.only_translations:  # the couples of other rows are zero
+        moment_change += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
+    return np.concatenate(np.broadcast_arrays(force_change, moment_change), axis=-1)
 
 
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     """Compute the second time derivatives (..., m) of the loop equations for motions of the frames.
 
-    With the `row_factors` a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". If the motions have
-    no joint accelerations, they are the drift dJ/dt v.
+    With the `row_factors` a, b of a row, (a . b)" = a" . b + 2 a' . b' + a . b" is multiplied by the row's
+    weight. If the motions have no joint accelerations, the result is the drift dJ/dt v.
     """
     (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
     terms = dda * b + 2.0 * da * db + a * ddb
@@ -129,7 +133,7 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
     `placements` (..., F, 4, 3), the axes and origins of the frames. So rates of `placements` give rates of
     the vectors.
     """
-    *stack, frames, vectors, _ = placements.shape
+    *stack, frames, vectors, _ = placements.shape  # 4 vectors of each frame: three axes, then the origin
     flat = placements.reshape(*stack, frames * vectors, 3)
     selected = flat.take(rows.vectors, axis=-2)  # (..., 4, m, 3): u, w and both origins of each row
     u, w, start, end = (selected[..., k, :, :] for k in range(4))
@@ -206,18 +210,26 @@ def loop_force_changes(
 ) -> Array:
     """Compute changes (T, k, nv) of the loop forces J' lambda by motions (T, k, nv).
 
-    The `multipliers` lambda (T, m) are constant. The force on joint i is S_i . W_i, with its screw S_i and
-    the sum W_i of the loops' `wrenches` (T, m, 6) on the bodies that it carries, all about the base's origin.
-    S_i changes with the joints that precede i, and W_i with the frames.
+    The force on joint i is S_i . W_i, with its screw S_i and the sum W_i of the loops' wrenches, times their
+    multipliers, on the bodies that it carries. S_i changes with the joints that precede i, and W_i with the
+    frames.
+
+    Args:
+        wrenches: (T, m, 6) of the rows at unit multipliers, about the base's origin.
+        multipliers: lambda (T, m), constant.
+        motions: k tangent vectors (T, k, nv).
     """
     screws, placements = frames.screws, frames.placements[:, None]
-    carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
+    shares = multipliers[..., None] * rows.joint_signs(frames.carried)  # (T, m, nv) of each wrench on a joint
+    carried = shares.swapaxes(1, 2)  # (T, nv, m)
     steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
 
+    # changes of the wrenches, which move with their frames
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
     by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
 
-    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)
+    # changes of the screws: a joint moves with all joints that precede it
+    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # (T, k, nv, 6)
     by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
     return by_wrenches + by_screws

@@ -95,7 +95,12 @@ class ExternalWrenches:
         return {entry.frame: entry.document for entry in self.entries}
 
     def evaluate(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at T configurations with the given `frames` and path coordinates s (T,)."""
+        """Compute the wrenches and their joint forces at T configurations.
+
+        Args:
+            frames: frames of the robot at these configurations.
+            s: path coordinates (T,).
+        """
         wrenches = self.evaluate_on_base_axes(mechanism, frames, s)
         return tuple(
             applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
@@ -201,8 +206,11 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
-    """Compute origin (T, 3) and rotation (T, 3, 3) of pinocchio's frame of an `index`."""
-    if index in mechanism.frames:
+    """Compute origin (T, 3) and rotation (T, 3, 3) of pinocchio's frame of an `index`.
+
+    `frames` has the configurations, and the placements of some frames.
+    """
+    if index in mechanism.frames:  # its placement is known
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]
     model, scratch = mechanism.model, scratch_of(mechanism)

@@ -92,7 +92,7 @@ def _view_vector(vector: Any, first_part: str, width: int) -> Array:
     view shows `width` doubles, from its attribute `first_part` on.
     """
     first, second = (getattr(vector[k], first_part) for k in range(2))
-    stride = second.ctypes.data - first.ctypes.data
+    stride = second.ctypes.data - first.ctypes.data  # [bytes] between two elements; every model has several
     return as_strided(first, (len(vector), width), (stride, first.itemsize))
 
 
@@ -250,6 +250,7 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
+    # of pinocchio's functions this one gives the twists of bodies at the base's origin
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
         twists[0, k] = scratch.velocities
@@ -289,10 +290,14 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
 def _apply_to_pairs(
     function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
 ) -> Array:
-    """Apply a function of pinocchio to pairs of rows of `first` (..., k) and `second` (..., l)."""
+    """Apply a function of pinocchio to pairs of rows of `first` (..., k) and `second` (..., l).
+
+    Returns:
+        The results of all pairs one after the other, (pairs, ...).
+    """
     # pinocchio takes contiguous vectors only
-    rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
-    return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])
+    firsts, seconds = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
+    return np.array([function(mechanism.model, *pair) for pair in zip(firsts, seconds, strict=True)])
 
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
@@ -308,7 +313,7 @@ def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: A
 
 
 def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
-    """Return the largest |entry| (T,) of tangent vectors `motion` (T, nv) [rad, robot lengths]."""
+    """Return the largest |entry| (T,) [rad, robot lengths] of tangent vectors `motion` (T, nv) [rad, m]."""
     return np.abs(motion / mechanism.column_scale).max(axis=1, initial=0.0)
 
 
@@ -323,7 +328,7 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
 
 def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along q."""
-    by_end = pin.ArgumentPosition.ARG1
+    by_end = pin.ArgumentPosition.ARG1  # by q, the second argument of pinocchio's `difference`
     rows = map(np.ascontiguousarray, q)
     return np.array([pin.dDifference(mechanism.model, start, row, by_end) for row in rows])
 

@@ -58,10 +58,10 @@ def require_square(robot: ParallelRobot) -> None:
 
 def require_joints_close(robot: ParallelRobot) -> None:
     """Raise InvalidInput if only springs can close a loop."""
-    springs_alone = robot.structure.springs_alone
-    if springs_alone:
+    rows = robot.structure.spring_only_rows
+    if rows:
         raise InvalidInput(
-            f"{robot.name}, {robot.flexibility}: {', '.join(springs_alone)} can only be closed by springs: "
+            f"{robot.name}, {robot.flexibility}: {', '.join(rows)} can only be closed by springs: "
             f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
             f"out of the springs' motion"
         )
@@ -126,6 +126,7 @@ def close_each(
 
     Args:
         x: (T, n) platform coordinates, or None.
+        guess: (T, nq) configurations; the array is not changed.
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
     """
@@ -133,30 +134,33 @@ def close_each(
     lengths = robot.column_scale[columns]
     q = guess.copy()
     live = np.arange(len(q))  # indices of the instants that have not been dropped
-    size = np.full(len(q), np.inf)  # largest entry of the last step of each live instant [rad, lengths]
+    step_size = np.full(len(q), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or size.max(initial=0.0) < NEWTON_STEP:
+        if iteration == iterations or step_size.max(initial=0.0) < NEWTON_STEP:
             break
 
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live = live[regular]
-            size = np.full(len(live), np.inf)
+            step_size = np.full(len(live), np.inf)
             continue
 
+        # drop the instants whose steps are too large
         steps = steps / lengths
-        size = np.abs(steps).max(axis=1, initial=0.0)
-        is_near = size <= farthest
-        live, size, steps = live[is_near], size[is_near], steps[is_near]
-        if size.max(initial=0.0) < ROUNDING_STEP:
+        step_size = np.abs(steps).max(axis=1, initial=0.0)
+        is_near = step_size <= farthest
+        live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
+        if step_size.max(initial=0.0) < ROUNDING_STEP:
             break
-        steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
+
+        # scale long steps down, then take all of them
+        steps /= np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
 
     closed = np.zeros(len(q), dtype=bool)
-    closed[live] = size < NEWTON_STEP
-    if len(live) < len(q):
+    closed[live] = step_size < NEWTON_STEP
+    if len(live) < len(q):  # the last `linearised` lacks the instants that were dropped
         linearised = linearised_at(robot, q, x)
     return NewtonResult(q, linearised, closed)
 
@@ -164,10 +168,15 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (T, k) of the k joints that move, and which instants are regular (T,).
+    """Compute Newton's steps (T, k) of the k joints that move.
 
-    The passive joints move if `at_motors`, else all moving joints do. The steps are valid only if all
-    instants are regular.
+    The steps are valid only if all instants are regular.
+
+    Args:
+        at_motors: whether the motors are prescribed, so that only passive joints move.
+
+    Returns:
+        The steps [rad, m]; whether each instant is regular, (T,).
     """
     if at_motors:
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
@@ -220,14 +229,20 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right`."""
+        """Add turns Z y to `rates` (..., T, nv) for Z' G (rates + Z y) = `right` (T, k)."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
-        y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
+        y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]  # (..., T, k)
         return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
-        """Compute the time derivative (T, k, nv) of `rows` from `jacobian_rate`, that of dF/dq."""
-        rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
+        """Compute the time derivative (T, k, nv) of `rows`.
+
+        From J Z = 0 follows J dZ/dt = -dJ/dt Z. The idle joints themselves turn at the constant rate 1.
+
+        Args:
+            jacobian_rate: dJ/dt (T, n + m, nv) of J = dF/dq.
+        """
+        rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)  # dZ/dt
         return rates.swapaxes(1, 2) * self.weights
 
 
@@ -269,11 +284,11 @@ def _driving_weights(robot: ParallelRobot) -> Array:
 
 
 def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
-    """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
+    """Return `values` (nv,) on balls that have the same value about all axes, zero elsewhere."""
     balls = ball_columns(robot.model)  # (b, 3)
-    balls = balls[np.ptp(values[balls], axis=1) == 0.0]
+    same_balls = balls[np.ptp(values[balls], axis=1) == 0.0]
     isotropic = np.zeros(robot.nv)
-    isotropic[balls] = values[balls]
+    isotropic[same_balls] = values[same_balls]
     return isotropic
 
 
@@ -286,7 +301,8 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute motions (T, nv, k) of the moving joints that undo `gaps` (T, n + m, k) of F."""
+    """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
+    # the factors solve for right sides (..., T, n + m)
     closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
     motions = np.zeros((len(gaps), robot.nv, len(closing)))
     motions[:, robot.moving] = np.moveaxis(closing, 0, 2)

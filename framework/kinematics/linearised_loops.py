@@ -174,7 +174,10 @@ def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the Jacobian (T, m, nv) of the independent loops, rows scaled to unit size."""
+    """Compute the Jacobian (T, m, nv) of the independent loops, rows scaled by `LoopStructure.row_sizes`.
+
+    The scale brings rows of odd size, as after a change of unit, to unit size.
+    """
     return scaled_loops(robot, linearised) / robot.structure.row_sizes[:, None]
 
 
@@ -199,13 +202,16 @@ def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArr
     shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
     try:
         np.linalg.cholesky(shifted)
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # at some configuration: compute the singular values of all
         return np.flatnonzero(clearance(robot, linearised) < RANK_LOST)
     return np.empty(0, dtype=np.intp)
 
 
 def equation_sizes(robot: ParallelRobot) -> Array:
-    """Compute the characteristic size (n + m,) of each equation [m or rad], the platform's first."""
+    """Compute the characteristic size (n + m,) of each equation [m or rad], the platform's first.
+
+    Residuals divided by these sizes are dimensionless.
+    """
     loops = robot.loop_lengths * robot.structure.row_sizes
     return np.concatenate([robot.platform_scale, loops])
 
@@ -239,7 +245,8 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
     """Count the singular values (T,) of the independent loops, with all joints moving, that vanish.
 
-    A singular value vanishes if it is below `level` times the largest one, or times 1 if this is more.
+    Args:
+        level: share of the largest singular value, or of 1 if this is more, below which a value vanishes.
     """
     values = singular_values(moving_loops(robot, linearised))
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)

@@ -46,26 +46,29 @@ class LoopStructure(ReadOnlyArrays):
 
     independent: IntArray  # (m,) ascending indices of independent equations in the mechanism's `rows`
     dropped: IntArray  # (rows - m,) ascending indices of redundant equations
-    springs_alone: Names  # names of equations that only springs can change
+    spring_only_rows: Names  # names of equations that only springs can change
     idle: IntArray  # columns of passive joints that rest because their motion moves nothing
     row_sizes: Array  # (m,) divisors that bring the independent equations to unit size for rank decisions
 
     @staticmethod
-    def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Determine the structure from the matrices of `motion_matrix`.
+    def from_matrices(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
+        """Determine the structure from Jacobians at the reference and at nearby poses.
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
-            matrices: (n + rows, nv) at the reference, then at each nearby pose.
+            matrices: those of `motion_matrix`, (n + rows, nv) each, at the reference, then at nearby poses.
+                The n rows of the platform come first, then one row for each loop equation.
         """
-        loops = matrices[0][-len(mechanism.rows.names) :]
-        independent = independent_rows(loops[:, mechanism.joints])
-        idle = find_idle_joints(matrices[0][:, passive], passive)
-        moving = np.setdiff1d(mechanism.joints, idle)
+        at_reference = matrices[0]
+        loops = at_reference[-len(mechanism.rows.names) :]  # without the rows of the platform
+        joints = mechanism.joints  # all columns without those of the springs' own joints
+        independent = independent_rows(loops[:, joints])
+        idle = find_idle_joints(at_reference[:, passive], passive)
+        moving = np.setdiff1d(joints, idle)
         return LoopStructure(
             independent=independent,
             dropped=np.setdiff1d(np.arange(len(loops)), independent),
-            springs_alone=spring_only_rows(mechanism, independent, matrices),
+            spring_only_rows=find_spring_only_rows(mechanism, independent, matrices),
             idle=idle,
             row_sizes=_row_sizes(loops[independent][:, moving]),
         )
@@ -77,13 +80,18 @@ def refuse_singular_reference(
     """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
     Two ranks are compared: that of the loops along all joints, and that of platform and loops along the
-    `passive` columns. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
+    `passive` columns.
+
+    Args:
+        passive: columns of the velocity vector without a motor and without a spring.
+        poses: configurations (nq,), the reference first.
+        matrices: those of `motion_matrix` at these poses, (n + rows, nv) each.
     """
     reference, *others = matrices
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
     for nearby in others:
         rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
-        joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)
+        joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)  # indices into `passive`
         if len(rows) or len(joints):
             raise SingularReference(
                 mechanism.name,
@@ -98,10 +106,10 @@ def independent_rows(matrix: Array) -> IntArray:
     return choose_rows(matrix, numerical_rank(matrix))
 
 
-def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
-    """Return the names of loop equations that only springs can change.
+def find_spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
+    """Find the names of loop equations that only springs can change.
 
-    Only its springs would close a closure with such an equation, which planning refuses.
+    Planning refuses a closure with such an equation, because its joints cannot close it.
 
     Args:
         independent: indices of the rows that are independent along the joints.
@@ -141,7 +149,10 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     """Find the rows of `nearby` (rows, columns) that raise its rank above that of `at_reference`.
 
     The rows that are independent at the reference span a space at the nearby pose, too. The rows farthest
-    from this space are chosen one after the other.
+    from this space are chosen one after the other. Both matrices have the same rows and columns.
+
+    Returns:
+        Ascending indices of the rows; empty if the rank does not rise.
     """
     rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if rank_at_reference >= rank:
@@ -180,19 +191,20 @@ def pivot_rows(matrix: Array) -> IntArray:
     """
     outside = matrix.copy()  # components of all rows orthogonal to the rows chosen so far
     order = np.arange(len(matrix))
-    for chosen in range(min(matrix.shape)):
-        sizes = np.linalg.norm(outside[order[chosen:]], axis=1)
-        farthest = chosen + sizes.argmax()
+    for chosen in range(min(matrix.shape)):  # number of rows chosen so far
+        distances = np.linalg.norm(outside[order[chosen:]], axis=1)  # of the other rows from their span
+        farthest = chosen + distances.argmax()
         order[[chosen, farthest]] = order[[farthest, chosen]]
-        direction = outside[order[chosen]] / max(sizes.max(), LEAST_DIVISOR)
+        direction = outside[order[chosen]] / max(distances.max(), LEAST_DIVISOR)
         outside -= np.outer(outside @ direction, direction)
     return order
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest |entry| (m,) of each row of `loops` (m, columns), or 1 if between 0.02 and 50.
+    """Return divisors (m,) that bring rows of `loops` (m, columns) to unit size.
 
-    Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
+    The divisor is the largest |entry| of the row, or 1 if this is between 0.02 and 50. Multiplying an
+    equation by a factor, as a change of unit does, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
@@ -236,7 +248,10 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Move rows that are redundant except for rounding at q (nq,) to `rounded`; None without any."""
+    """Move rows that are redundant except for rounding at q (nq,) to `Mechanism.rounded`.
+
+    None if there are no such rows, or if more than rounding keeps the loops open at q.
+    """
     rows = mechanism.rows
     matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)

@@ -80,9 +80,19 @@ class Mechanism(ReadOnlyArrays):
     ) -> Self:
         """Read the mechanism or robot of a file with the springs of one flexibility.
 
-        The file is one of ours or in a dialect that `framework.model.readers` reads. `platform`, `axes`,
-        `motors`, `reference` [rad, m], `base`, `locked` and `platform_joints` complete a foreign file, as for
-        `read_any`. `parameters` replace values that a robot file declares.
+        The file is one of ours or in a dialect that `framework.model.readers` reads. All options but the
+        first and the last complete a foreign file and override it.
+
+        Args:
+            flexibility: which springs exist, `rigid` for none.
+            platform: name of the platform's frame.
+            axes: base axes of the platform's coordinates, such as ("x", "y", "rz").
+            motors: names of the motors' joints.
+            reference: joint positions by name [rad, m] near an assembled pose.
+            base: a link; all joints that it does not carry are locked at the reference.
+            locked: positions of locked joints by name [rad, m]; None for the reference.
+            platform_joints: joints whose positions are the platform's coordinates, in place of `axes`.
+            parameters: values that replace those that a robot file of ours declares.
 
         Raises:
             RobotFileError: see `read_any`; or pinocchio refuses the URDF.
@@ -195,7 +205,7 @@ class Mechanism(ReadOnlyArrays):
     @property
     def joint_ranges(self) -> Array:
         """Lower and upper limits of joint positions, (2, nv) [rad, m]; infinite without limits."""
-        ranges = np.repeat([[-np.inf], [np.inf]], self.nv, axis=1)
+        ranges = np.repeat([[-np.inf], [np.inf]], self.nv, axis=1)  # (2, nv)
         for limit in self.limits:
             ranges[:, limit.column] = limit.lower, limit.upper
         return ranges
@@ -281,11 +291,12 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
     Raises:
         RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
     """
-    file, moving = parsed.description.file, copy_without_shapes(parsed.urdf)
-    make_continuous_joints_revolute(moving)
-    insert_springs(moving, springs)
+    file = parsed.description.file
+    urdf = copy_without_shapes(parsed.urdf)  # changed in place below
+    make_continuous_joints_revolute(urdf)
+    insert_springs(urdf, springs)
     try:
-        model = tree_model(moving, _anisotropic_balls(parsed.urdf, parsed.description))
+        model = tree_model(urdf, _anisotropic_balls(parsed.urdf, parsed.description))
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:
@@ -297,7 +308,10 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
 
 
 def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero."""
+    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero.
+
+    The parameters are stated on the axes of the file, so these axes must not be turned.
+    """
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
@@ -356,6 +370,7 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     size = np.linalg.norm(points[:, None] - points, axis=2).max()
     for body in model.inertias[1:]:
         if body.mass > 0.0:
+            # mean square distance of the mass from the joint; trace / 2 is the integral about its centre
             gyration_square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
             size = max(size, np.sqrt(gyration_square))
     return float(size) or 1.0

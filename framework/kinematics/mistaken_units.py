@@ -39,7 +39,7 @@ def longest_reach(robot: Mechanism) -> float:
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
     reach = float(np.linalg.norm(frame.placement.translation))
-    for k in list(model.supports[frame.parentJoint])[1:]:
+    for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
         joint = model.joints[k]
         reach += float(np.linalg.norm(model.jointPlacements[k].translation))
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:

@@ -47,9 +47,11 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
     """Return whether determinants keep their signs from `start` to `end`, (T,).
 
-    `start` and `end` each have the signs (T,) of the determinants, then the logarithms (T,) of their sizes. A
-    determinant at the end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no
+    A determinant at the end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no
     sign.
+
+    Args:
+        start, end: signs (T,) of the determinants, then logarithms (T,) of their sizes.
     """
     start_sign, start_logarithm = start
     end_sign, end_logarithm = end

@@ -148,16 +148,21 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints at a twist (v, dv/dt) of the platform and deflection rates (T, n_e).
+    """Compute the motion of all joints at a twist of the platform.
 
     Joint rates solve J dq = (v, 0). Accelerations solve J ddq = (dv/dt, 0) - J' dq, with the drift J' dq of
     platform and loops. Idle turns, which these equations do not determine, are added to both.
+
+    Args:
+        twist: the platform's velocity v and its time derivative dv/dt, (T, n) each.
+        dq_e, ddq_e: rates and accelerations (T, n_e) of the deflections; zero if None.
     """
-    velocity, acceleration = twist  # (T, n) each
+    velocity, acceleration = twist
     v = joint_rates(robot, linearised, velocity, dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:
         v = turns.add_turns(v)
+
     motions = frame_motions(robot, linearised.frames, v)
     drift = closure_drift(robot.loops, motions)
     right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
@@ -165,7 +170,7 @@ def _motion_of_twist(
     if turns is not None:
         jacobian_rate, _ = jacobian_rates(robot, linearised, v)
         rows_rate = turns.rows_rate(robot, linearised, jacobian_rate)
-        a = turns.add_turns(a, -matvec(rows_rate, v))
+        a = turns.add_turns(a, -matvec(rows_rate, v))  # Z' G a = -(Z' G)' v
     return Motion(linearised.frames.q, v, a, linearised)
 
 
@@ -198,10 +203,13 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
 
     The wrench W(c) of a loop has a force that is linear in the axes and origins c of frames, and a moment
     that is quadratic. So W' is the change of W(c) by c'. W" is the change of W(c) by c", plus, for the
-    moment, the change of W(c') by c'. `screw_rates` (2, T, nv, 6) are two time derivatives of the joints'
-    screws.
+    moment, the change of W(c') by c'.
+
+    Args:
+        motions: axes and origins of the frames, with two time derivatives.
+        screw_rates: two time derivatives (2, T, nv, 6) of the joints' screws.
     """
-    c, dc, ddc = motions.rates
+    c, dc, ddc = motions.rates  # (T, F, 4, 3) each
     first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.stack([first, second])
@@ -245,16 +253,16 @@ def coordinate_changes(
         NotAssembled: the platform does not determine the joints at some instant.
     """
     n = 0 if x is None else robot.n
-    size = n + len(columns)  # k
+    k = n + len(columns)
     J = motion.linearised.jacobian  # (T, n + m, nv)
 
     # J Y = E; Y, E and their derivatives are stored with the coordinates as rows
-    right = np.zeros((3, len(J), size, J.shape[1]))  # E of all coordinates and two time derivatives
+    right = np.zeros((3, len(J), k, J.shape[1]))  # E of all coordinates and two time derivatives
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
-    right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)
+    right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)  # a unit rate of such a joint opens the loops
     dq = _solve_moving(robot, motion, right[0])  # Y
-    dq[:, range(n, size), columns] = 1.0
+    dq[:, range(n, k), columns] = 1.0
 
     def rest_columns(change: Array) -> Array:
         """Add closed motions to a `change` (T, k, nv) of rates so that `columns` are at rest."""
@@ -274,12 +282,14 @@ def coordinate_changes(
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
     """Solve J rates = right (T, k, n + m) for rates (T, k, nv) of the moving joints."""
-    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
+    rates = solve_rates(robot, motion.linearised, right.swapaxes(0, 1))  # (k, T, nv)
+    return rates.swapaxes(0, 1)
 
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
-    bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
+    bracket = np.zeros_like(motions)
+    balls = ball_columns(robot.model)  # (b, 3)
     if len(balls):
         bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
     return bracket

@@ -71,7 +71,7 @@ class ParallelRobot(Mechanism):
 
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
         refuse_singular_reference(mechanism, passive, poses, matrices)
-        structure = LoopStructure.of(mechanism, passive, matrices)
+        structure = LoopStructure.from_matrices(mechanism, passive, matrices)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
         loops = mechanism.rows.take(structure.independent)
 
@@ -220,8 +220,15 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Make the table for `loops` and the moving `columns` (k,), of which the first n_a have motors."""
-        carried, n = scratch_of(mechanism).carried, platform.n
+        """Make the table of the equations and of the sparsity of their Jacobian.
+
+        Args:
+            loops: the m independent loop equations.
+            columns: columns (k,) of the moving joints, those of the n_a motors first.
+            n_a: number of motors.
+        """
+        carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
+        n = platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(mechanism.nv)
@@ -256,8 +263,11 @@ class SquarePart(ReadOnlyArrays):
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the part of a pattern in `rows` and `columns`; None if not square or empty."""
-        if not len(rows) == len(columns) > 0:
+        """Return the part of a pattern in `rows` and `columns`; None if not square or empty.
+
+        `pattern` (r, c) says which entries of the whole matrix can differ from zero.
+        """
+        if len(rows) != len(columns) or not len(rows):
             return None
         i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the square part
         entries = rows[i] * pattern.shape[1] + columns[j]  # the same entries of the whole matrix, row-major
@@ -266,5 +276,5 @@ class SquarePart(ReadOnlyArrays):
     def factor(self, matrices: Array) -> Factors:
         """Compute the LU factors of this part (T, k, k) of whole matrices (T, r, c)."""
         count, rows, columns = matrices.shape
-        values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E)
+        values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E) row-major
         return self.band.factor(values)

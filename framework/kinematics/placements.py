@@ -108,7 +108,8 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     """Return the axis of a column in the frame of its own joint."""
-    model, joint = robot.model, int(tree_columns(robot).owner[column])
+    model = robot.model
+    joint = int(tree_columns(robot).owner[column])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)

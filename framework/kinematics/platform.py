@@ -63,7 +63,7 @@ class _Coordinates(ReadOnlyArrays):
 
         Row k is v at a unit rate of coordinate k.
         """
-        twists = np.zeros((3, *motion[0].shape, self.n))
+        twists = np.zeros((3, *motion[0].shape, self.n))  # E is the identity, so its derivatives are zero
         twists[0] = np.eye(self.n)
         return twists
 
@@ -189,7 +189,7 @@ class FramePlatform(_Coordinates):
         rate = np.empty((len(motions.twist), self.n))
         rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]  # accelerations of the frame's origin
         if len(self.turning):
-            rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)
+            rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)  # (T, 3, 3) the axes as columns
             w, dw = motions.twist[:, 0, 3:], motions.twist_rate[:, 0, 3:]
             turns = matvec(self.attitude.couples(rotation), dw)
             rate[:, self.turning] = turns + matvec(self.attitude.couple_rates(rotation, w), w)
@@ -240,7 +240,7 @@ class JointPlatform(_Coordinates):
 
     @staticmethod
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
-        """Return the platform whose coordinates are the positions of named hinges and slides."""
+        """Return the platform whose coordinates are the positions of the hinges and slides `names`."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         nothing = np.empty(0, dtype=np.intp)  # no coordinate is a translation of the frame
         return JointPlatform(

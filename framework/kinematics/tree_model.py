@@ -56,8 +56,12 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
 def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
     """Return the model with balls in place of the floating joints that the parser made.
 
-    `several` has the declared kinds of these joints by name. A joint declared as floating gets three slides
-    before its ball.
+    A joint declared as floating gets three slides before its ball.
+
+    Args:
+        parsed: the model with floating joints.
+        several: declared kinds of these joints by name.
+        as_declared: names of the balls whose axes are not turned towards the centre of mass.
     """
     model = pin.Model()
     model.name = parsed.name
@@ -91,7 +95,11 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add the slides of a floating joint `name` to its parent; return the index of the last."""
+    """Add the slides of a floating joint `name` to its parent, at a `placement` on the parent.
+
+    Returns:
+        The index of the last slide.
+    """
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()
@@ -214,9 +222,10 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
         lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
         if lower == upper:
             continue
-        name, unit = joint.get("name", ""), "m" if kind == "prismatic" else "rad"
-        own = model.joints[model.getJointId(name)]
-        limits.append(JointLimit(name, own.idx_q, own.idx_v, lower, upper, unit))
+        name = joint.get("name", "")
+        unit = "m" if kind == "prismatic" else "rad"
+        model_joint = model.joints[model.getJointId(name)]
+        limits.append(JointLimit(name, model_joint.idx_q, model_joint.idx_v, lower, upper, unit))
     return tuple(limits)
 
 

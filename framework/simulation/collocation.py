@@ -56,15 +56,15 @@ MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step e
 class Collocation(ReadOnlyArrays):
     """The nodes of a collocation method with s stages, and matrices that act on values at the nodes.
 
-    A matrix maps the values to integrals, or to Legendre coefficients, of the polynomial through them.
+    The values (s,) at the nodes define a polynomial p on the step [0, 1].
     """
 
-    nodes: Array  # c (s,) in (0, 1]; the step is [0, 1]
-    once: Array  # A (s, s): from values to integrals from 0 to each node
-    rates: Array  # A^-1 (s, s)
-    series: Array  # (s, s) from values to Legendre coefficients on [0, 1]
-    series_with_start: Array  # (s + 1, s + 1) the same for the value at 0 followed by those at the nodes
-    series_of_integral: Array  # (s + 1, s) from values to Legendre coefficients of the integral from 0
+    nodes: Array  # c (s,) in (0, 1]
+    integration: Array  # A (s, s): from the values to the integrals of p from 0 to each node
+    differentiation: Array  # A^-1 (s, s)
+    to_series: Array  # (s, s) from the values to the Legendre coefficients of p
+    to_series_with_start: Array  # (s + 1, s + 1) the same for a value at 0 followed by those at the nodes
+    to_integral_series: Array  # (s + 1, s) from the values to the coefficients of the integral of p from 0
 
     @property
     def stages(self) -> int:
@@ -72,7 +72,7 @@ class Collocation(ReadOnlyArrays):
         return len(self.nodes)
 
     def basis(self, c: Array, degree: int | None = None) -> Array:
-        """Compute Legendre polynomials (T, degree + 1) at points c (T,) in [0, 1]; degree s by default."""
+        """Compute Legendre polynomials (T, degree + 1) on [0, 1] at points c (T,); degree s by default."""
         return np.asarray(legendre.legvander(2 * c - 1, self.stages if degree is None else degree))
 
 
@@ -81,26 +81,31 @@ def radau_table(stages: int) -> Collocation:
     """Compute the table of Radau IIA with s = `stages`.
 
     The nodes other than the end are the zeros of the Jacobi polynomial P_(s-1)^(1,0), since
-    (1 - x) P_(s-1)^(1,0) is P_(s-1) - P_s. The matrices follow from Legendre polynomials in x = 2 c - 1.
+    (1 - x) P_(s-1)^(1,0) is P_(s-1) - P_s. The matrices follow from Legendre polynomials in x = 2 c - 1,
+    which is -1 at the start of the step and 1 at its end.
     """
     from scipy.special import roots_jacobi
 
-    inner = np.empty(0)  # (s - 1,)
+    inner = np.empty(0)  # (s - 1,) zeros of the Jacobi polynomial
     if stages > 1:
         inner, _ = roots_jacobi(stages - 1, 1.0, 0.0)
     x = np.append(inner, 1.0)
-    series = np.linalg.inv(legendre.legvander(x, stages - 1))
+
+    # Vandermonde matrices map coefficients to values at points, so their inverses map values to coefficients
+    to_series = np.linalg.inv(legendre.legvander(x, stages - 1))
+    to_series_with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
+
+    # coefficients of the integrals of all Legendre polynomials; dc = dx / 2
     integrals_of_basis = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0)  # (s + 1, s)
-    series_of_integral = integrals_of_basis @ series
-    once = legendre.legvander(x, stages) @ series_of_integral
-    series_with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
+    to_integral_series = integrals_of_basis @ to_series
+    integration = legendre.legvander(x, stages) @ to_integral_series
     return Collocation(
         nodes=(x + 1) / 2,
-        once=once,
-        rates=np.asarray(np.linalg.inv(once)),
-        series=series,
-        series_with_start=series_with_start,
-        series_of_integral=series_of_integral,
+        integration=integration,
+        differentiation=np.asarray(np.linalg.inv(integration)),
+        to_series=to_series,
+        to_series_with_start=to_series_with_start,
+        to_integral_series=to_integral_series,
     )
 
 
@@ -181,13 +186,15 @@ class StepEquations:
             a = a + a_change
             multipliers = multipliers + multiplier_change
 
+            # the error that is left, at most the last step while the convergence is not yet known
             rate = size / last_size if last_size > 0 else 0.0
             error = size
             if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
                 error = size * rate / (1 - rate)
             if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
-            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:  # longer steps are more than rounding
+
+            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:  # growing steps that are not rounding
                 raise StepFailed("Newton diverges")
             if rate > REFACTORING_RATE:
                 matrix = None
@@ -205,14 +212,19 @@ class StepEquations:
         return self.drive.torques_without_feedback(self.times)
 
     def _nodes(self, a: Array, slope_guess: Array) -> tuple[Array, Array, Array]:
-        """Integrate accelerations a (s, nv) to q (s, nq), v (s, nv) and slope (s, nv) at the nodes.
+        """Integrate accelerations a (s, nv) from the start to the nodes.
 
-        The slope, see `CollocationStep`, is iterated from `slope_guess` (s, nv).
+        Args:
+            slope_guess: guess (s, nv) of the slope, from which it is iterated.
+
+        Returns:
+            q (s, nq), v (s, nv) and the slope (s, nv) of `CollocationStep`, at the nodes.
         """
-        integral = self.length * self.table.once
-        v = self.start.v + integral @ a
+        integration = self.length * self.table.integration
+        v = self.start.v + integration @ a
         slope = self._offset_rate(v, slope_guess)
-        return integrate(self.equations.robot, self.start.q, integral @ slope), v, slope
+        q = integrate(self.equations.robot, self.start.q, integration @ slope)
+        return q, v, slope
 
     def _offset_rate(self, v: Array, guess: Array) -> Array:
         """Compute the rate (s, nv) of the tangent offset from the start for velocities v (s, nv).
@@ -225,7 +237,7 @@ class StepEquations:
             return v
         rate = guess if guess.any() else v
         for _ in range(MAX_ITERATIONS):
-            q = integrate(robot, q0, self.length * self.table.once @ rate)
+            q = integrate(robot, q0, self.length * self.table.integration @ rate)
             next_rate = difference_rates(robot, q0, q, v)
             change = np.abs(next_rate - rate).max()
             rate = next_rate
@@ -236,7 +248,7 @@ class StepEquations:
     def _balance(self, a: Array, multipliers: Array, slope_guess: Array) -> _Balance:
         """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes.
 
-        For `slope_guess` see `_nodes`.
+        `slope_guess` (s, nv) is a guess of the rate of the tangent offset, see `CollocationStep.slope`.
         """
         q, v, slope = self._nodes(a, slope_guess)
         equations = self.equations
@@ -270,7 +282,7 @@ class StepEquations:
             by_v[:, robot.actuated] -= gains_v
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
-            return NewtonMatrix.of(self.length, self.table.rates, by_motion, tangent.jacobian)
+            return NewtonMatrix.of(self.length, self.table.differentiation, by_motion, tangent.jacobian)
         except np.linalg.LinAlgError:
             raise StepFailed("singular equations") from None
 
@@ -305,12 +317,12 @@ class StepEquations:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
         The coefficients are those of the tangent offset. They are extrapolated from the coefficients of its
-        slope (s, nv), which decay from the largest of the last two but two to the largest of the last two.
+        slope (s, nv): from the largest of the last pair, by its ratio to the largest of the previous pair.
         Pairs are compared because every other coefficient of an even or odd motion vanishes.
         """
-        sizes = np.abs(self.table.series @ slope) / self.equations.robot.column_scale  # (s, nv)
-        last = float(sizes[-2:].max())
-        previous = float(sizes[-4:-2].max(initial=0.0))
+        magnitudes = np.abs(self.table.to_series @ slope) / self.equations.robot.column_scale  # (s, nv)
+        last = float(magnitudes[-2:].max())
+        previous = float(magnitudes[-4:-2].max(initial=0.0))
         decay = min(1.0, last / max(previous, LEAST_DIVISOR))
         first_omitted = last * decay  # of the slope
         # integration over the step divides the coefficient of P_s by about 2 s
@@ -322,7 +334,7 @@ class NewtonMatrix:
     """Newton's matrix of a step of length h [s], reduced to the null space of J and factorised."""
 
     length: float
-    rates: Array  # (s, s) A^-1 of the table
+    differentiation: Array  # (s, s) A^-1 of the table
     by_motion: Array  # (s, nv, 3 nv) derivatives of the force by a, v and q, side by side
     right_inverse: Array  # (s, nv, m) Q R'^-1 of J
     Z: Array  # (s, nv, nv - m) null space of J
@@ -330,7 +342,7 @@ class NewtonMatrix:
     pivots: Array  # of the LU factors
 
     @staticmethod
-    def of(length: float, rates: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:
+    def of(length: float, differentiation: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:
         """Factorise the matrix, multiplied by h^2.
 
         With M, D, K the derivatives of the force by a, v, q and A of the table, block (i, j) of the matrix
@@ -338,7 +350,7 @@ class NewtonMatrix:
 
         Args:
             length: h [s].
-            rates: A^-1 (s, s).
+            differentiation: A^-1 (s, s).
             by_motion: M, D, K side by side, (s, nv, 3 nv).
             jacobian: J (s, m, nv) of the loop equations.
 
@@ -356,17 +368,17 @@ class NewtonMatrix:
         all_Z = Z.transpose(1, 0, 2).reshape(nv, s * f)  # Z_j of all nodes j side by side
 
         blocks = (s, f, s, f)  # axes: node i, motion of Z_i, node j, motion of Z_j
-        matrix = (rates @ rates)[:, None, :, None] * (ZM @ all_Z).reshape(blocks)
-        matrix += (length * rates)[:, None, :, None] * (ZD @ all_Z).reshape(blocks)
+        matrix = (differentiation @ differentiation)[:, None, :, None] * (ZM @ all_Z).reshape(blocks)
+        matrix += (length * differentiation)[:, None, :, None] * (ZD @ all_Z).reshape(blocks)
         matrix[range(s), :, range(s)] += length**2 * (ZK.reshape(s, f, nv) @ Z)  # diagonal blocks
 
         lu, pivots, is_singular = dgetrf(matrix.reshape(s * f, s * f))
         if is_singular:
             raise np.linalg.LinAlgError("singular matrix")
-        return NewtonMatrix(length, rates, by_motion, right_inverse, Z, lu, pivots)
+        return NewtonMatrix(length, differentiation, by_motion, right_inverse, Z, lu, pivots)
 
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
-        """Compute the Newton step: changes of q (s, nv), accelerations (s, nv) and multipliers (s, m).
+        """Compute the Newton step of q, accelerations and multipliers.
 
         The change of q is dq = -Q R'^-1 residual + Z z. The balance of forces along Z determines z. The
         multipliers balance the remaining forces, which are orthogonal to Z.
@@ -374,15 +386,20 @@ class NewtonMatrix:
         Args:
             force: residual of the balance of forces, (s, nv).
             residual: residual of the loop equations, (s, m).
+
+        Returns:
+            The changes of q (s, nv), as tangent vectors, of accelerations (s, nv), and of multipliers (s, m).
         """
         from scipy.linalg.lapack import dgetrs
 
-        dq = -np.matvec(self.right_inverse, residual)  # closes the loops
+        # close the loops, then balance the forces along Z
+        dq = -np.matvec(self.right_inverse, residual)
         unbalanced = force + np.matvec(self.by_motion, self._motion_change(dq))
-        along_Z = np.matvec(self.Z.transpose(0, 2, 1), unbalanced)
-        z = dgetrs(self.lu, self.pivots, -(self.length**2) * along_Z.ravel())[0]
+        along_Z = np.matvec(self.Z.transpose(0, 2, 1), unbalanced)  # (s, nv - m)
+        z, _ = dgetrs(self.lu, self.pivots, -(self.length**2) * along_Z.ravel())  # the factors are times h^2
         dq += np.matvec(self.Z, z.reshape(along_Z.shape))
 
+        # balance the remaining forces by the multipliers
         motion = self._motion_change(dq)
         unbalanced = force + np.matvec(self.by_motion, motion)
         multipliers = np.matvec(self.right_inverse.transpose(0, 2, 1), unbalanced)
@@ -390,8 +407,8 @@ class NewtonMatrix:
 
     def _motion_change(self, dq: Array) -> Array:
         """Return the changes of a, v and q, side by side (s, 3 nv), for a change dq (s, nv)."""
-        dv = self.rates @ dq / self.length
-        da = self.rates @ dv / self.length
+        dv = self.differentiation @ dq / self.length
+        da = self.differentiation @ dv / self.length
         return np.concatenate([da, dv, dq], axis=1)
 
 

@@ -44,9 +44,8 @@ class AllowedMotions(NamedTuple):
 
     basis: Array  # (T, nv, d) joint rates of d independent motions, by ascending inertia
     light: BoolArray  # (T, d) whether a motion moves no mass; such motions come first
-    closing: (
-        Array  # (T, nv, m) pseudo-inverse of J: the least joint rates for a unit rate of each loop equation
-    )
+    # (T, nv, m) pseudo-inverse of J: the least joint rates for a unit rate of each loop equation
+    closing: Array
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
@@ -54,16 +53,20 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
 
     The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows are left
     out of J. A further loss of rank is a singularity of the closures and adds no allowed motion.
+
+    Args:
+        tangent: the terms of the equations at T states.
     """
-    robot, rows = equations.robot, tangent.jacobian.shape[1]
+    robot = equations.robot
+    m = tangent.jacobian.shape[1]  # number of independent loop equations
     scale = robot.column_scale[:, None]  # (nv, 1)
 
     # null space of the loops, in joint rates divided by their scale
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
-    U, sizes, V_rows = np.linalg.svd(J)
-    Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
+    U, values, V_rows = np.linalg.svd(J)
+    Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
 
-    # its axes of inertia
+    # motions along the eigenvectors of the reduced mass matrix; without mass if their inertia is rounding
     mass = tangent.mass * scale * scale[:, 0]
     reduced_mass = matmul(Z.swapaxes(1, 2), matmul(mass, Z))  # Z' M Z, (T, d, d)
     inertias, axes = np.linalg.eigh(reduced_mass)  # (T, d) ascending, (T, d, d)
@@ -73,28 +76,32 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     return AllowedMotions(
         basis=scale * matmul(Z, axes),
         light=light,
-        closing=scale * (_pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths),
+        closing=scale * (_pseudo_inverse(U, values, V_rows) / robot.loop_lengths),
     )
 
 
-def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
+def _pseudo_inverse(left: Array, values: Array, right: Array) -> Array:
     """Compute pseudo-inverses (T, k, m), m <= k, from singular value decompositions.
 
     Args:
         left: left singular vectors (T, m, m), in columns.
-        sizes: singular values (T, m).
+        values: singular values (T, m).
         right: right singular vectors (T, k, k), in rows.
     """
-    m = sizes.shape[1]
+    m = values.shape[1]
     rounding = np.finfo(float).eps * right.shape[1]
-    is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0, keepdims=True)
-    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=is_nonzero)
+    is_nonzero = values > rounding * values.max(axis=1, initial=0.0, keepdims=True)
+    inverse = np.divide(1.0, values, out=np.zeros_like(values), where=is_nonzero)
     columns = right[:, :m].swapaxes(1, 2)  # (T, k, m)
     return matmul(columns * inverse[:, None], left.swapaxes(1, 2))
 
 
 def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
-    """Compute bases (nv, d), (nv, k) of the motions of one state (T = 1) with mass and without."""
+    """Compute the motions that the loops allow at one state (T = 1).
+
+    Returns:
+        Joint rates (nv, d) of d motions that move mass; joint rates (nv, k) of k motions without mass.
+    """
     allowed = allowed_motions(equations, tangent)
     basis, light = allowed.basis[0], allowed.light[0]
     return basis[:, ~light], basis[:, light]
@@ -123,7 +130,7 @@ def consistent_state(
     for _ in range(MAX_PASSES):
         tangent = equations.tangent_at_rest(q)
         _, light = free_motions(equations, tangent)
-        # the least step that closes the loops
+        # the least step that closes the loops, in radians and robot lengths
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:
@@ -176,24 +183,35 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
     dampers = light.T @ np.diag(equations.damping) @ light
 
+    # a motion without stiffness belongs to an eigenvalue of the springs that is rounding
     stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)  # [N m]
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
-        raise _undetermined_motion_error(equations, light @ np.linalg.eigh(springs)[1][:, 0])
-    if np.linalg.eigvalsh(springs)[0] <= rounding:
+        softest = np.linalg.eigh(springs).eigenvectors[:, 0]  # (k,)
+        raise _undetermined_motion_error(equations, light @ softest)
+    if np.linalg.eigvalsh(springs)[0] <= rounding:  # damping alone
         return np.zeros(light.shape[1])
-    slope = springs - light.T @ curvature @ light
+
+    slope = springs - light.T @ curvature @ light  # (k, k) of the residual along the motions
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
 def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
-    """Return the error that names the joints of an undetermined motion, with rates (nv,)."""
+    """Return the error for a motion whose acceleration no mass and no spring determines.
+
+    The message names the four joints that move most, without those that move less than a tenth of the first,
+    because nearly all joints move a little.
+
+    Args:
+        rates: joint rates (nv,) of the motion.
+    """
     robot = equations.robot
-    motion = np.abs(rates) / robot.column_scale
-    largest = [int(k) for k in np.argsort(-motion) if motion[k] > 0.1 * motion.max()]
-    joints = [robot.coordinates.name_of(k) for k in largest]
+    sizes = np.abs(rates) / robot.column_scale  # of the joint motions [rad, robot lengths]
+    most_first = np.argsort(-sizes)
+    moving = [int(k) for k in most_first if sizes[k] > 0.1 * sizes.max()]
+    joints = [robot.coordinates.name_of(k) for k in moving[:4]]
     return InvalidInput(
-        f"{robot.name}, {robot.flexibility}: a motion of {', '.join(joints[:4])} has "
+        f"{robot.name}, {robot.flexibility}: a motion of {', '.join(joints)} has "
         f"neither mass nor stiffness, so its acceleration is undetermined; give these links an "
         f"<inertial>, the rotor an inertia, or a spring"
     )
@@ -214,6 +232,7 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)  # brings M to the size of J
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
+    # least squares, as massless motions make the matrix singular
     dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=EIGENVALUE_ROUNDING)[0]
     return v + scale * dv_and_impulse[: len(v)]
 
@@ -234,9 +253,9 @@ def accelerations(
     """Compute joint accelerations (T, nv) at T states.
 
     Args:
-        torque: motor torques (T, n_a) [N m], motor side.
         q, v: configurations (T, nq) and velocities (T, nv) that close the loops.
-        applied: generalised external forces (T, nv).
+        torque: motor torques (T, n_a) [N m], motor side.
+        applied: generalised external forces (T, nv) [N m, N].
 
     Raises:
         InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
@@ -244,7 +263,7 @@ def accelerations(
     """
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
-    force = equations.motor_forces(torque) + applied - tangent.force
+    force = equations.motor_forces(torque) + applied - tangent.force  # (T, nv) without the loop forces
     for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)

@@ -181,8 +181,10 @@ class Drive:
         A break is the end of a step, so the torque before the break applies there.
         """
         for instant in self.breaks:
-            is_break = np.abs(t - instant) <= 4 * np.spacing(instant)
-            t = np.where(is_break, instant - 8 * np.spacing(instant), t)
+            # the end of a step, time + length, differs from the break by a few units in the last place
+            unit = np.spacing(instant)
+            is_break = np.abs(t - instant) <= 4 * unit
+            t = np.where(is_break, instant - 8 * unit, t)
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:

@@ -83,7 +83,7 @@ class EquationsOfMotion:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
             NotAssembled: the loops do not close at the reference.
         """
-        added = check_damping(damping, (robot.nv,))
+        added = check_damping(damping, (robot.nv,))  # one number or (nv,)
         require_joints_close(robot)
         equations = EquationsOfMotion(
             robot=robot,

@@ -125,7 +125,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
     ):
         steps.append(step)
         power = step.power - step.v**2 @ task.equations.damping  # [W] at the s nodes
-        weights = step.length * step.table.once[-1]  # (s,) of the integral from 0 to the last node, the end
+        weights = step.length * step.table.integration[-1]  # (s,) of the integral to the last node, the end
         work, exchange = float(weights @ power), float(weights @ np.abs(power))
         if record.add_step(Polynomials(robot, (step,)), work, exchange):
             break
@@ -171,7 +171,8 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     """Yield steps between the instants `edges` (K + 1,) under the torque in their middle.
 
     A feedback torque responds to the state at the beginning of a step, as a digital controller does. External
-    wrenches are those at the predicted middle of a step. The power is that of the mean velocity.
+    wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
+    the work of constant forces along the step.
     """
     drive, robot = task.drive, task.equations.robot
     stepper = Stepper.from_stack(RobotStack.from_equations(task.equations))
@@ -180,8 +181,11 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
     q, v = task.start
     for k in range(len(middles)):
-        torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
-        world = np.zeros_like(v)
+        if torques is not None:
+            torque = torques[k]
+        else:
+            torque = drive(edges[k : k + 1], q[None], v[None])[0]
+        world = np.zeros_like(v)  # generalised forces of the external wrenches
         if drive.world.acts:
             world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
         end = stepper.step(q, v, torque, h, world=world)
@@ -244,7 +248,7 @@ def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
 
 
 def _step_edges(task: IntegrationTask, step: float) -> Array:
-    """Compute the ends (K + 1,) of steps no longer than `step` [s].
+    """Compute the instants (K + 1,) [s] between which steps are no longer than `step` [s].
 
     Every break of the drive is the end of a step.
     """
@@ -406,7 +410,8 @@ def explicit_steps(
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        error = h * (DOP853.E5[:-1] @ slopes)[: len(start.q)]  # of q, by the embedded method of order 5
+        # of q, by the embedded method of order 5, which gives the slope at the end of the step no weight
+        error = h * (DOP853.E5[:-1] @ slopes)[: len(start.q)]
         yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
 
 

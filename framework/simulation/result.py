@@ -116,6 +116,7 @@ def simulation_result(
     """Return the result of a run, with states at equidistant instants and errors.
 
     Args:
+        method: name of the method, of `METHODS`.
         planned: the planned motion with which the run is compared, if any.
         samples: number of equidistant instants; fixed steps are reported at their ends instead.
         seconds: computing time [s].
@@ -168,6 +169,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
 
+    # the divisor: the energy exchanged, at least its rounding
     gravity = np.linalg.norm(robot.model.gravity.linear)
     duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
     acceleration = gravity + robot.length / duration**2
@@ -187,6 +189,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
     dropped = robot.structure.dropped
     integrated = gaps[:, robot.structure.independent]
+    # a dropped equation follows from the others, so it may be open by some multiple of their gaps
     allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
     torn = gaps[:, dropped] > allowed  # (T, redundant equations)
     if torn.any():
@@ -205,8 +208,13 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq)."""
-    x = planned.platform(np.minimum(times, planned.duration))
+    """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq).
+
+    Returns:
+        The largest distance [m] of the platform from its plan, and the largest angle [rad] or None. For a
+        platform that only turns the angle stands alone, in the first place.
+    """
+    x = planned.platform(np.minimum(times, planned.duration))  # (T, n)
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
     masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each
     errors = [float(np.linalg.norm(offset[:, mask], axis=1).max()) for mask in masks]

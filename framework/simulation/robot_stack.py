@@ -59,7 +59,8 @@ class RobotStack:
         """Stack one robot or several of the same structure.
 
         Args:
-            damping: viscous damping added to that of the joints, see `check_damping`.
+            damping: viscous damping added to that of the joints, one number, (nv,) or (R, nv)
+                [N m s/rad, N s/m].
             like: robot that decides which loop equations are independent and which joints idle; by default
                 the first of the robots.
 
@@ -161,9 +162,12 @@ class RobotStack:
 
 
 def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
-    """Compute bias forces (nv,) and twists (2, bodies, 6), see `Terms`, at q (nq,) and v (nv,).
+    """Compute the terms of one run that depend on velocities, at q (nq,) and v (nv,).
 
-    The screws of the joints, from which frames are collected, are computed, too.
+    The screws of the joints, from which frames are collected, are computed in the memory `scratch`, too.
+
+    Returns:
+        The bias forces (nv,); the twists of all bodies and their time derivatives (2, bodies, 6).
     """
     bias = pin.nonLinearEffects(model, scratch.data, q, v)
     pin.computeForwardKinematicsDerivatives(model, scratch.data, q, v, np.zeros_like(v))

@@ -81,8 +81,9 @@ def simulate(
         step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
         damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
-        wrenches: external wrenches, as for `plan_crossing`; by default those of the planned motion; {} for
-            none. A table over s needs a planned motion, which determines s at each instant.
+        wrenches: external wrenches by link or joint, each on this body at its origin, (force, moment) (6,)
+            [N, N m] or a table over s; by default those of the planned motion; {} for none. A table needs a
+            planned motion, which determines s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
         samples: number of equidistant instants in the result of reference and stiff; the other methods
@@ -130,6 +131,11 @@ def _method_settings(
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
+    Args:
+        tolerance: what a collocation step may leave unresolved [rad, robot lengths].
+        step: length of fixed steps, or of the longest step [s].
+        stages: number of nodes of a collocation step.
+
     Raises:
         InvalidInput: a number is out of range, or the method has no such setting.
     """
@@ -172,7 +178,13 @@ def _consistent_start(
     start: ArrayLike | None,
     start_velocity: ArrayLike | None,
 ) -> State:
-    """Return the consistent state at t = 0 next to the caller's start or, by default, the planned one."""
+    """Return the consistent state at t = 0 next to the caller's start or, by default, the planned one.
+
+    Without both it is the assembled reference at rest.
+
+    Args:
+        start, start_velocity: q (nq,) and v (nv,) of the caller, or None.
+    """
     robot = equations.robot
     q, v = robot.reference.q, np.zeros(robot.nv)
     if start is not None:
@@ -203,6 +215,7 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
         )
     if len(q) == robot.model.nq:
         return q, v
+    # at rest if slow compared with the middle of the motion
     usual_speed = np.abs(planned.velocity(planned.duration / 2)).max(initial=0.0)
     if np.abs(v).max(initial=0.0) > AT_REST * usual_speed:
         raise InvalidInput(

@@ -135,7 +135,7 @@ def collocate(
 
             admissible = tolerance + COORDINATE_ROUNDING * _largest_motion(equations, step)
             growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
-            leniency = BRIDGING_LENIENCY if control.short else 1.0
+            leniency = BRIDGING_LENIENCY if control.short else 1.0  # for a bridging step
             if step.unresolved > leniency * admissible:
                 failure = "the motion is not resolved"
                 control.reject(length, growth, remaining)
@@ -191,12 +191,13 @@ def _extrapolate_guess(
 ) -> tuple[Array, Array]:
     """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of this length [s].
 
-    They are extrapolated from the previous step; without one they are zero.
+    They are extrapolated from the previous step by its first Legendre coefficients, because the last ones
+    would grow too fast outside of it. Without a previous step they are zero.
     """
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))
         return a, np.zeros((table.stages, len(equations.rows.names)))
     c = 1.0 + table.nodes * (length / previous.length)  # new nodes; the previous step is [0, 1]
     count = min(GUESS_COEFFICIENTS, table.stages)
-    extrapolation = table.basis(c, count - 1) @ table.series[:count]  # (s, s) from old to new node values
+    extrapolation = table.basis(c, count - 1) @ table.to_series[:count]  # (s, s) from old to new node values
     return extrapolation @ previous.a, extrapolation @ previous.multipliers

@@ -62,7 +62,7 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
 def _implicit_mass(mass: Array, stack: RobotStack, d: float) -> Array:
     """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
 
-    K and D are the diagonal matrices of the springs and dampers of the joints.
+    K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
     """
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
@@ -76,6 +76,10 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     All terms are evaluated in the predicted middle of the step. The equations are solved twice. The first
     acceleration is a guess. It predicts the velocity in the middle, on which the bias forces and the drift
     of the loops depend.
+
+    Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
     """
     robot, (q, v) = stack.robots[0], start
     middle = integrate(robot, q, 0.5 * h * v)
@@ -83,7 +87,7 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
 
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
-    drift = stack.drift(terms)
+    drift = stack.drift(terms)  # (R, m) second time derivatives of the loop equations without accelerations
     # residuals (R, m) at q, by a Taylor series from the middle back to the start
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
 
@@ -94,8 +98,8 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
 
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
-    rates = closing - 0.5 * stack.drift(terms)
-    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
+    accelerations = closing - 0.5 * stack.drift(terms)  # (R, m) of the loop equations
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, accelerations)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
@@ -108,6 +112,8 @@ def _step_by_euler(
     q + h v, so that a part without mass is in balance after the step.
 
     Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
         closing_rate: rates (R, m) of the loop equations after the step. By default the step closes
             CLOSING_SHARE of every gap.
 
@@ -132,12 +138,16 @@ def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> Sta
 
     The result is twice that of two half steps minus that of one whole step. Extrapolation requires that whole
     and half steps approach the same solution. So all of them close the loops at the same rate.
+
+    Args:
+        start: states of the R runs.
+        driven: generalised forces (R, nv) of motors and world [N m, N].
     """
     whole, closing_rate = _step_by_euler(stack, start, driven, h)
     half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)
     halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
-    correction = difference(robot, whole.q, halves.q)
+    correction = difference(robot, whole.q, halves.q)  # 2 halves - whole is halves + (halves - whole)
     return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
 
@@ -202,13 +212,16 @@ class Stepper:
     ) -> State:
         """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
 
-        v (nv,) or (R, nv) and motor torques (n_a,) or (R, n_a) [N m], motor side, are zero by default. The
-        forces of the world are those at t = 0.
+        Args:
+            v: rates (nv,) or (R, nv); zero by default.
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side; zero by default.
+            world: external forces, of which those at t = 0 act.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
-        robot, q = self.stack.robots[0], np.asarray(q, dtype=float)
+        robot = self.stack.robots[0]
+        q = np.asarray(q, dtype=float)
         leading = q.shape[:-1]  # (R,), or () for a single run
         v = np.zeros(robot.nv) if v is None else v
         torque = np.zeros(robot.n_a) if torque is None else torque
@@ -220,10 +233,15 @@ class Stepper:
         return State(new.q.reshape(q.shape), new.v.reshape(rates.shape))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
-        """Compute the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
+        """Compute the state h [s] later under constant torques.
 
         The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
-        result, to the last bit, in any stack. The forces of the `world` (nv,) or (R, nv) are constant, too.
+        result, to the last bit, in any stack.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side.
+            world: generalised external forces (nv,) or (R, nv) [N m, N], constant, too.
         """
         runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
         driven = np.zeros(rates.shape)  # generalised forces of motors and world
@@ -235,8 +253,13 @@ class Stepper:
         return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each."""
-        platform, rates = self.stack.robots[0].platform, np.atleast_2d(v)
+        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+        """
+        platform = self.stack.robots[0].platform
+        rates = np.atleast_2d(v)
         frames = self.stack.terms(np.atleast_2d(q), rates).frames
         x = platform.coordinates(frames)
         twist = matvec(platform.jacobian(frames), rates)

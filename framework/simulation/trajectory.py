@@ -39,15 +39,15 @@ class Polynomials:
         """
         index = _step_index(self.edges, t)  # (T,) of the step that contains each time
         table = self.steps[0].table
-        times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[index]) / lengths[index])  # (T, s + 1)
-        starts = np.array([step.start for step in self.steps])[index]
+        begins, lengths = np.array([(step.time, step.length) for step in self.steps]).T  # (K,) each
+        basis = table.basis((t - begins[index]) / lengths[index])  # (T, s + 1)
+        starts = np.array([step.start for step in self.steps])[index]  # (T, nq)
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
             step = self.steps[k]
             is_inside = index == k
-            offset_series = step.length * table.series_of_integral @ step.slope
-            velocity_series = table.series_with_start @ np.vstack([step.start_velocity, step.v])
+            offset_series = step.length * table.to_integral_series @ step.slope
+            velocity_series = table.to_series_with_start @ np.vstack([step.start_velocity, step.v])
             offset[is_inside] = basis[is_inside] @ offset_series
             v[is_inside] = basis[is_inside] @ velocity_series
         return integrate(self.robot, starts, offset), v
@@ -149,14 +149,16 @@ def occurrences(
     states = step(times)
     for event in events:
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
+        # the old value at the start, then the new values at all instants
+        start = times[0], last_values.get(event, values[0])
+        points = [start, *zip(times, values, strict=True)]
         last_values[event] = values[-1]
         for zero in _find_zeros(event, step, points):
             q, v = step(np.array([zero]))
             occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    first_terminal = next((k for k, one in enumerate(occurred) if one.terminal), len(occurred))
-    return occurred[: first_terminal + 1]
+    terminal = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
+    return occurred[: terminal[0] + 1] if terminal else occurred
 
 
 def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, float]]) -> Iterator[float]:

@@ -108,7 +108,7 @@ class Slope(NamedTuple):
 
     g: float
     slope: float  # dg/dp
-    upper: float  # g at the upper end of the stencil
+    g_above: float  # g at the upper end of the stencil, which has a sign also where p is a root
     second_derivative: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
 
 
@@ -123,24 +123,33 @@ class Root(NamedTuple):
 
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """Return the points (3,) of a central difference about p, clipped to [low, high]."""
+    """Return the points (3,) of a central difference about p, clipped to [low, high].
+
+    The outer points are a share `DIFFERENCE_STEP` of the interval away from p.
+    """
     half = DIFFERENCE_STEP * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
 
 def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
-    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) on a `stencil` p (3,).
+    """Compute g, dg/dp and d2g/dp2 from matrices on a `stencil`, by central differences.
 
-    The border is that of the middle matrix, `size` columns wide.
+    At an end of the interval of p the stencil is clipped. Then the slope is one-sided, and the second
+    derivative, which needs points on both sides, counts as 0.
+
+    Args:
+        matrices: (3, n, n) at the points of the stencil; the middle one determines the border.
+        p: the points (3,) of the stencil.
+        size: number of columns of the border.
     """
-    lower, middle, upper = map(float, bordered_solution(matrices, border_of=1, size=size).g)
-    p_lower, p_middle, p_upper = p.tolist()
-    width = p_upper - p_lower
+    g_below, g, g_above = map(float, bordered_solution(matrices, border_of=1, size=size).g)
+    p_below, p_middle, p_above = p.tolist()
+    width = p_above - p_below
     second_derivative = 0.0
-    if p_lower < p_middle < p_upper:  # not clipped at an end of the interval
-        second_derivative = 4.0 * (lower - 2.0 * middle + upper) / width**2
-    slope = (upper - lower) / width
-    return Slope(g=middle, slope=slope, upper=upper, second_derivative=second_derivative)
+    if p_below < p_middle < p_above:
+        h = 0.5 * width  # between neighbouring points
+        second_derivative = (g_below - 2.0 * g + g_above) / h**2
+    return Slope(g=g, slope=(g_above - g_below) / width, g_above=g_above, second_derivative=second_derivative)
 
 
 def root_of_g(
@@ -156,9 +165,12 @@ def root_of_g(
 
     Args:
         matrices: computes the matrices (3, n, n) at three values (3,) of p.
-        size: width of the border; more than 1 if several singular values are small.
+        size: number of columns of the border; more than 1 if several singular values are small.
         longest: largest Newton step in p. A longer one would lead to another root, so the iteration stops
             without convergence.
+
+    Returns:
+        The last iterate, converged or not.
     """
     p = start
     for _ in range(MAX_ITERATIONS):

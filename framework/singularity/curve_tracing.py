@@ -77,14 +77,15 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)  # (S, k)
-        size = np.abs(change).max(axis=1)
+        step_size = np.abs(change).max(axis=1)
 
-        is_finite = np.isfinite(size)
-        q, change, size = q[is_finite], change[is_finite], size[is_finite]
-        q = equations.move(q, change / np.maximum(size / MAX_JOINT_STEP, 1.0)[:, None])
-        if not len(q) or size.max() < NEWTON_STEP:
+        # leave out configurations without a step
+        is_finite = np.isfinite(step_size)
+        q, change, step_size = q[is_finite], change[is_finite], step_size[is_finite]
+        q = equations.move(q, change / np.maximum(step_size / MAX_JOINT_STEP, 1.0)[:, None])
+        if not len(q) or step_size.max() < NEWTON_STEP:
             break
-    return q[size < NEWTON_STEP]
+    return q[step_size < NEWTON_STEP]
 
 
 def trace_curve(
@@ -110,15 +111,18 @@ def _trace_from(
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at `TURN_SHARE` of the largest turn of the tangent. For `inside` and `longest` see
-    `trace_curve`.
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent.
+
+    Args:
+        inside: returns whether each of T configurations (T, nq) is in the region, (T,).
+        longest: largest step [rad, robot lengths].
 
     Returns:
         The points from the start on; why they end, as in `Curve.ends`.
     """
     traced = [start]
     step = min(FIRST_STEP, longest)
-    curvature = np.zeros_like(start.tangent)
+    curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
     while len(traced) < MAX_POINTS:
         point = traced[-1]
         ahead = advance(equations, point, step, curvature)
@@ -151,10 +155,10 @@ def passes_point(equations: LocusEquations, curve: Points, point: Points) -> boo
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
     distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
-    passes = distance < MAX_CURVE_OFFSET * length
-    passes &= np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
-    passes &= length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(passes.any())
+    is_close = distance < MAX_CURVE_OFFSET * length
+    is_along = np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
+    is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
+    return bool(np.any(is_close & is_along & is_step))
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
@@ -187,7 +191,7 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
         if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
             return None
         q = equations.move(q, change)
-        if size < NEWTON_STEP:
+        if size < NEWTON_STEP:  # converged
             ahead = curve_points(q, evaluated, point)
             turn = np.linalg.norm(ahead.tangent - point.tangent)
             return ahead if turn < MAX_TANGENT_TURN else None

@@ -53,7 +53,7 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    sigma_A = singular_values(A)[:, -1]
+    sigma_A = singular_values(A)[:, -1]  # (T,)
     if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)
@@ -119,9 +119,10 @@ def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     speeds = np.linalg.norm(J, axis=1, keepdims=True)  # (T, 1, n_a); 0 at Type 1: the motor moves nothing
     directions = J / np.where(speeds > 0, speeds, 1.0)  # (T, n, n_a) of the platform's velocity by each motor
     U, values, V_rows = np.linalg.svd(directions)
-    inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    # rows of the inverse matrix (T, n_a, n): forces with unit power on the direction of one motor, and with
-    # no power on those of all others; the cosine of the angle is 1 over the norm of such a force
+    inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)  # finite at Type 2
+    # Rows of the inverse matrix (T, n_a, n): forces with unit power on the direction of one motor, and with
+    # no power on those of all others. Such a force is normal to all other directions, so the cosine of the
+    # pressure angle is 1 over its norm.
     forces = (V_rows.swapaxes(1, 2) * inverse[:, None]) @ U.swapaxes(1, 2)
     angle = np.arccos(np.minimum(1.0 / np.linalg.norm(forces, axis=2), 1.0))
     return np.where(speeds[:, 0] > 0, angle, np.nan)

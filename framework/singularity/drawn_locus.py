@@ -76,10 +76,10 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
         _, gradients = _measure_in_space(robot, linearised_at(robot, q[None], None))
     except NotAssembled:  # also a Type 1 singularity, where the platform's motion determines no gradient
         return None
-    gradient = gradients[0]
-    span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
-    grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    unit_vectors = np.linalg.svd(gradient[None]).Vh  # (3, 3) rows: the normal, then two tangents
+    # a grid on the tangent plane
+    span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length  # [m]
+    grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)  # (m m, 2)
+    unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal, then two tangents
     shifts = _move_onto_locus(robot, q, x, grid @ unit_vectors[1:], normal=unit_vectors[0])
     if shifts is None:
         return None

@@ -80,7 +80,8 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     """Describe the distance of a configuration q (nq,) from singularities of Type 1 and Type 2.
 
     The level of each type follows from the least singular value of its matrix, divided by its usual size: the
-    value at the reference. Type 2 counts before Type 1. `stopped` says why a motion to q ended early.
+    value at the reference. Near both types the result describes Type 2. `stopped` says why a motion to q
+    ended early.
 
     Raises:
         InvalidInput: q is not assembled.
@@ -93,7 +94,8 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     level = _proximity_level(type1_value, usual_type1_value)
     type2_level = _proximity_level(type2_value, usual_type2_value)
 
-    kind, verdict = "", "regular: the motors hold the platform in every direction"
+    kind = ""
+    verdict = "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
         level = type2_level
         kind = uncontrolled_motion(robot, linearised).kind
@@ -123,7 +125,9 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
 def _proximity_level(value: float, usual: float) -> str:
     """Return regular, near or singular by comparing a least singular value with its usual size.
 
-    The usual size is at least SINGULAR_RATIO, as the reference itself may be nearly singular.
+    Args:
+        value: the least singular value at a pose.
+        usual: that at the reference. At least SINGULAR_RATIO counts, as the reference may be nearly singular.
     """
     usual = max(usual, SINGULAR_RATIO)
     if value >= NEAR_SINGULAR_RATIO * usual:
@@ -153,19 +157,21 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # the largest motion is t_s / size: either its shift or its turn has the largest value allowed
-    size = max(linear / (shift * robot.length), angular / largest_turn)
+    # the largest motion is t_s / divisor: either its shift or its turn has the largest value allowed
+    divisor = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
-    if size == 0 or np.linalg.matrix_rank(E) < robot.n:
+    if divisor == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
 
-    largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
+    largest_change = np.linalg.solve(E, pose.twist / divisor)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
     stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
-    return LooseMotion(stack.q, shift=linear / size, turn=angular / size, motors=motor_motions.max(axis=0))
+    return LooseMotion(
+        q=stack.q, shift=linear / divisor, turn=angular / divisor, motors=motor_motions.max(axis=0)
+    )
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -286,10 +292,13 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Compute q (nq,) just before the singularity that lies at a turn of size `angle` and this sign.
+        """Compute q (nq,) just before a singularity, else at the start.
 
-        The motor stops at tenfold growing distances before the singularity until a pose is found, else at the
-        start.
+        The motor stops at tenfold growing distances before the singularity until a pose can be computed.
+
+        Args:
+            angle: size of the motor's turn to the singularity [rad, m].
+            sign: direction of the turn, 1 or -1.
         """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         while angle > retreat:

@@ -62,9 +62,10 @@ class LocusEquations:
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, x: Array, free: tuple[str, str] | None) -> LocusEquations:
-        """Return the equations of the slice through q (nq,), x (n,) in two freedoms.
+        """Return the equations of the slice through an assembled pose in two freedoms.
 
         Args:
+            q, x: configuration (nq,) and platform coordinates (n,) of the pose.
             free: two axes of the platform or two actuators; the other axes or actuators are fixed. By default
                 the two translations of the platform.
 

@@ -86,7 +86,7 @@ class MapLocus(ReadOnlyArrays):
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
-    first_reached = tuple(np.argwhere(poses.reached)[0])
+    first_reached = tuple(np.argwhere(poses.reached)[0])  # any pose fixes the values of all other coordinates
     i, j = poses.axes
     free = robot.axis_names[i], robot.axis_names[j]
     try:
@@ -116,7 +116,8 @@ def _trace_modes(
     or when a round explains none.
 
     Args:
-        changes: (e, 4) indices i, j of the poses on both sides of each sign change, see `_sign_changes`.
+        changes: (e, 4) indices of the poses on both sides of each sign change: i, j of the one, then i, j of
+            the other.
 
     Returns:
         The curves; which sign changes are left unexplained, (e,).
@@ -128,41 +129,42 @@ def _trace_modes(
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
+        # the first round: from the minima of this mode and some of its sign changes
         of_mode = (change_modes == mode).all(axis=1)
-        todo = np.flatnonzero(of_mode & unexplained)
+        to_explain = np.flatnonzero(of_mode & unexplained)  # indices of sign changes
         minima_of_mode = minima[(minimum_modes == mode).all(axis=1)]
-        cells = np.concatenate([minima_of_mode, changes[_choose_evenly(todo), :2]])  # at which a round starts
-        while len(cells):
-            curves += _trace_new_parts(equations, poses, cells, curves)
+        starts = np.concatenate([minima_of_mode, changes[_choose_evenly(to_explain), :2]])  # indices i, j
+        while len(starts):
+            curves += _trace_new_parts(equations, poses, starts, curves)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
             remaining = np.flatnonzero(of_mode & unexplained)
-            is_complete = len(todo) <= STARTS_PER_ROUND  # all of them have been starts
-            if is_complete or len(remaining) == len(todo):
+            is_complete = len(to_explain) <= STARTS_PER_ROUND  # all of them have been starts
+            if is_complete or len(remaining) == len(to_explain):
                 break
-            todo = remaining
-            cells = changes[_choose_evenly(todo), :2]
+            to_explain = remaining
+            starts = changes[_choose_evenly(to_explain), :2]
     return curves, unexplained
 
 
 def _trace_new_parts(
-    equations: LocusEquations, poses: MapPoses, cells: IntArray, known: list[MapCurve]
+    equations: LocusEquations, poses: MapPoses, starts: IntArray, earlier: list[MapCurve]
 ) -> list[MapCurve]:
-    """Trace curves from the map's poses at indices `cells` (k, 2).
+    """Trace curves from the map's poses at indices `starts` (k, 2).
 
     Returns:
-        The parts of the curves on the map's branch that are not among the `known` ones.
+        The parts of the curves on the map's branch that are not among the `earlier` ones.
     """
     parts = list[MapCurve]()
-    for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
+    for curve in _trace_near(equations, poses, _configurations_at(poses, starts)):
         for part in _parts_on_branch(equations, poses, curve):
-            if _is_apart(poses, part.x, known + parts, SAME_CURVE_CELLS).any():
+            if _is_apart(poses, part.x, earlier + parts, SAME_CURVE_CELLS).any():
                 parts.append(part)
     return parts
 
 
-def _poses_at(poses: MapPoses, cells: IntArray) -> Array:
-    """Return the configurations (e, nq) at indices (e, 2) of the map."""
-    return poses.q[cells[:, 0], cells[:, 1]]
+def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
+    """Return the configurations (e, nq) at indices i, j (e, 2) of the map."""
+    return poses.q[indices[:, 0], indices[:, 1]]
 
 
 def _choose_evenly(indices: IntArray) -> IntArray:
@@ -171,13 +173,16 @@ def _choose_evenly(indices: IntArray) -> IntArray:
     return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
-def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
-    """Compute the working modes (e, legs), a sign for each leg, at indices (e, 2) of the map."""
-    return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
+def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> Array:
+    """Compute the working modes (e, legs), a sign for each leg, at indices i, j (e, 2) of the map."""
+    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices), None))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq), in the working mode of the first start."""
+    """Trace the locus over the map from starts (k, nq), in the working mode of the first start.
+
+    The first start is the centre of the region in which curves are followed; the region covers the map.
+    """
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
@@ -220,12 +225,13 @@ def _find_minima(g: Array) -> IntArray:
     """
     from scipy.ndimage import minimum_filter
 
-    size = np.where(np.isfinite(g), np.abs(g), np.inf)
+    magnitude = np.where(np.isfinite(g), np.abs(g), np.inf)  # |g|; infinite where a pose is not reached
     footprint = np.ones((3, 3), dtype=bool)
     footprint[1, 1] = False  # the pose itself does not count
-    neighbours = minimum_filter(size, footprint=footprint, mode="constant", cval=np.inf)
-    minima = np.argwhere(size < neighbours)
-    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:STARTS_PER_ROUND]]
+    least_beside = minimum_filter(magnitude, footprint=footprint, mode="constant", cval=np.inf)
+    minima = np.argwhere(magnitude < least_beside)  # (minima, 2)
+    by_magnitude = np.argsort(magnitude[tuple(minima.T)], kind="stable")
+    return minima[by_magnitude[:STARTS_PER_ROUND]]
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
@@ -234,10 +240,13 @@ def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
 
 
 def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
-    """Return which points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
+    """Return which points x (e, 2) are more than `cells` cells of the map away from all curves, (e,).
+
+    The distance is the larger of those along the two axes.
+    """
     is_apart = np.ones(len(x), dtype=bool)
     for curve in curves:
-        chord = np.diff(curve.x, axis=0) / poses.cell
+        chord = np.diff(curve.x, axis=0) / poses.cell  # in cells
         for k in np.flatnonzero(is_apart):  # one by one: all points times all chords would need much memory
             offset = (x[k] - curve.x[:-1]) / poses.cell
             is_apart[k] = np.abs(chord_offsets(offset, chord)).max(axis=1).min() > cells

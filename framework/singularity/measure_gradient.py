@@ -44,8 +44,9 @@ def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: 
     """
     P = passive_matrix(robot, linearised)
     solution = solve_bordered(P, border)
-    eta = solution.eta[:, :, 0]
-    psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
+    eta = solution.eta[:, :, 0]  # (T, n_p)
+    transposed_border = Border(border.c, border.b)
+    psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
     force_changes = loop_curvature(robot, robot.loops, linearised.frames, multipliers)  # (T, nv, nv)
     by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
@@ -67,10 +68,13 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     border = Border.of(passive_matrix(robot, linearised))
     gradient = measure_gradient(robot, linearised, border).by_q[0]  # dg/dq (nv,)
 
+    # slopes of g along the path, and along each deflection with the platform at rest
     path_twist = robot.platform.path_twist(branch.path, point.s)
     path_rates = joint_rates(robot, linearised, path_twist[None])[0]  # dq/ds (nv,)
-    # joint rates (n_e, nv) for a unit rate of each deflection, with the platform at rest
-    spring_rates = joint_rates(robot, linearised, np.zeros((n_e, 1, robot.n)), np.eye(n_e)[:, None])[:, 0]
+    platform_at_rest = np.zeros((n_e, 1, robot.n))
+    unit_deflections = np.eye(n_e)[:, None]
+    spring_rates = joint_rates(robot, linearised, platform_at_rest, unit_deflections)[:, 0]  # (n_e, nv)
     shift = -(spring_rates @ gradient) / (path_rates @ gradient)
+    # shifts are compared with rounding for a deflection of one radian or robot length
     is_rounding = np.abs(shift * robot.column_scale[robot.elastic]) < SAME_PLACE
     return np.where(is_rounding, 0.0, shift)

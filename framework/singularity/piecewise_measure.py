@@ -87,7 +87,10 @@ class Unresolved(NotConverged):
 
 @dataclass(frozen=True)
 class Panel:
-    """The measure g between two path coordinates as a Chebyshev series."""
+    """The measure g between two path coordinates as a Chebyshev series.
+
+    Local coordinates lead from -1 at the start to 1 at the end.
+    """
 
     start: float  # s
     end: float  # s
@@ -157,9 +160,9 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     level = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
     candidates = list[Candidate]()
     for panel in resolved:
+        # |g| on the panel is at least the constant coefficient less all others, as Chebyshev |T_k| <= 1
         constant, *others = np.abs(panel.series)
-        lower_bound = constant - sum(others)  # of |g| on the panel
-        if lower_bound > level:
+        if constant - sum(others) > level:
             continue
         is_near_zero = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < level
         minima = panel.path_coordinates(panel.extrema[is_near_zero])
@@ -175,9 +178,13 @@ def bound_measure(resolved: list[Panel]) -> float:
 
 
 def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series; None if no border suffices.
+    """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series.
 
-    Borders are tried from one column up to the number of small singular values.
+    Borders are tried from one column up to the number of small singular values. None if no border suffices,
+    or if the loops do not close on the panel.
+
+    Raises:
+        SingularPath: the matrix is singular all along the panel.
     """
     try:
         matrices = measured.matrix(measured.loops(start, end))
@@ -189,6 +196,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
         solution = bordered_solution(matrices, border_of=middle, size=size)
         g = solution.g
         largest = np.abs(g).max()
+        # det G of a wide border is also small where all singular values of G are small but not zero
         if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
             raise SingularPath(
                 f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
@@ -231,7 +239,10 @@ class Extremum(NamedTuple):
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def bracket(self, level: float) -> tuple[float, float]:
-        """Return the nearest s below and above where |g| exceeds a level, else the panel's ends."""
+        """Return the nearest s on each side of the extremum where |g| exceeds `level`.
+
+        On a side without such an s, the end of the panel is returned.
+        """
 
         def find_towards(end: float) -> float:
             """Find the nearest such s between the extremum and an end."""
@@ -243,8 +254,9 @@ class Extremum(NamedTuple):
     @property
     def changes_sign(self) -> bool:
         """Whether g has different signs on both sides, where |g| exceeds its rounding."""
-        lower, upper = self.evaluate(np.array(self.bracket(self.rounding)))
-        return bool(lower * upper < 0)
+        beside = self.bracket(self.rounding)  # the nearest such s on each side
+        g_below, g_above = self.evaluate(np.array(beside))
+        return bool(g_below * g_above < 0)
 
     def roots(self) -> list[float]:
         """Find the roots beside an extremum at which g is not zero: two, one or none.
@@ -303,12 +315,13 @@ def extremum_near(
 
     Each of the first `CENTRING_PASSES` panels is centred on the extremum that the previous panel has nearest
     to its middle. Then panels are halved until the series ends in rounding. If a panel has no extremum, its
-    middle is returned.
+    middle is returned. So s is the estimate of the extremum, improved from panel to panel.
 
     Args:
         matrices: computes the matrices (T, n, n) at path coordinates (T,).
         knots: path coordinates (k,) from 0 to 1 between which the matrices are smooth.
-        size: width of the border.
+        s: where the search begins.
+        size: number of columns of the border.
         scalar: computes the scalar (T,) of blocks G (T, size, size): those at the nodes of the panel, then
             the block at s.
     """
@@ -330,7 +343,7 @@ def extremum_near(
         nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
         s = float(start + 0.5 * (end - start) * (nearest + 1))
         if k_pass >= CENTRING_PASSES:
-            if rounding <= 10 * MEASURE_ROUNDING:
+            if rounding <= 10 * MEASURE_ROUNDING:  # no truncation error is left, with a margin
                 break
             half_width *= 0.5
     return Extremum(s, float(chebyshev.chebval(nearest, series)), rounding, start, end, series)

@@ -79,6 +79,9 @@ class SearchedPath(NamedTuple):
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
     """Follow the path; find its singular points to rounding, and its near misses.
 
+    A path through a Type 1 singularity is refused first. Then the points are located where the passive
+    columns P lose rank.
+
     Args:
         branch: the path as followed by `track_path`, if known.
 
@@ -89,25 +92,26 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
-    type1 = _continue_branch(branch)
+    type1 = _measure_type_1(branch)
     if not len(robot.following):  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
+
+    # the Type 2 matrix on the same branch: P, or with redundant motors P'P, whose singular values are squares
     is_square = len(robot.loops.names) == len(robot.following)
-    power = 1 if is_square else 2  # of P, see `type2_matrix`
-    passive = replace(type1, matrix=partial(type2_matrix, robot), power=power)
+    type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
-        resolved = resolve_panels(passive)
-        if passive.branch is branch:  # without continuations
-            # the configurations at the nodes of the panels give better guesses
+        resolved = resolve_panels(type2)
+        has_continuations = type2.branch is not branch
+        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
             edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([passive.loops(panel.start, panel.end).frames.q for panel in resolved])
+            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
-            passive = replace(passive, branch=branch)
-        contacts = find_contacts(passive, resolved)
-        misses = find_near_misses(passive, resolved, contacts)
+            type2 = replace(type2, branch=branch)
+        contacts = find_contacts(type2, resolved)
+        misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:
-        raise _unresolved_error(passive, unresolved) from None
-    points = tuple(_singular_point(passive, contact) for contact in contacts)
+        raise _unresolved_error(type2, unresolved) from None
+    points = tuple(_singular_point(type2, contact) for contact in contacts)
     return SearchedPath(branch, points, tuple(misses))
 
 
@@ -137,12 +141,15 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _continue_branch(branch: Branch) -> Measured:
-    """Return the Type 1 matrix along the branch, continued where the matrix is singular.
+def _measure_type_1(branch: Branch) -> Measured:
+    """Continue the branch where its Type 1 matrix is singular; refuse Type 1 singularities.
 
     At a suspect, a candidate for a singular point or an s near which g is not resolved, the branch may still
     be smooth. Continuations then replace the inverse kinematics. Each round adds one, until no suspect allows
     another.
+
+    Returns:
+        The Type 1 matrix along the continued branch.
 
     Raises:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
@@ -165,7 +172,10 @@ def _continue_branch(branch: Branch) -> Measured:
 
 
 def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
-    """Add a continuation to a branch at the first of several s where one succeeds; None if none does."""
+    """Add a continuation to a branch at the first of the `suspects` s where one succeeds; None if none does.
+
+    Where the branch has a continuation already, no other is tried.
+    """
     for s in suspects:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
@@ -184,7 +194,8 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
         singular = [_most_singular_s(type1, panels.s)]
     else:
-        singular = [contact.s for contact in find_contacts(type1, panels) if _is_type_1(type1, contact.s)]
+        contacts = [contact.s for contact in find_contacts(type1, panels)]
+        singular = [s for s in contacts if _is_type_1(type1, s)]
     if not singular:
         return
     s = singular[0]
@@ -225,8 +236,8 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
     """
     branch = passive.branch
     s = unresolved.s
-    q = passive.guess(np.array([s]))  # (1, nq) interpolated: the loops need not close at a singularity
-    values = singular_values(passive.matrix(q)[0])
+    loops = passive.guess(np.array([s]))  # at an interpolated pose: the loops need not close there
+    values = singular_values(passive.matrix(loops)[0])
     # with power 2 the matrix is P'P, whose singular values are squares
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
@@ -238,9 +249,10 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
     """Raise NotConverged if dropped loop equations are needed at s, where the loops are `linearised`.
 
-    Dropped equations are needed where the independent ones have a lower rank than all equations together. In
-    an overconstrained robot the linear dependences among the loop equations change as the robot moves. So
-    equations that suffice at the reference need not suffice everywhere.
+    Equations are dropped if they are redundant at the reference. They are needed where the independent ones
+    have a lower rank than all equations together. In an overconstrained robot the linear dependences among
+    the loop equations change as the robot moves. So equations that suffice at the reference need not suffice
+    everywhere.
     """
     robot = branch.robot
     if not len(robot.structure.dropped):
@@ -269,7 +281,8 @@ def _is_type_1(type1: Measured, s: float) -> bool:
     _check_dropped_rows(branch, s, linearised)
     type1_value = singular_values(type1.matrix(linearised)[0])[-1]
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
-    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the Type 1 matrix is singular
+    # s is exact only to rounding, so both values are compared: only the Type 1 matrix is singular
+    if type2_value > max(RANK_LOST, 1e2 * type1_value):
         return True
     return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
@@ -300,9 +313,14 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
 
 
 def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
-    """Compute dg/ds at a singular point from the loops `linearised` on its `stencil` (T = 3).
+    """Compute dg/ds at a singular point, positive where g grows.
 
-    If several motions escape (`corank` > 1), the result is the least slope of their singular values.
+    If several motions escape, the result is the least slope of their singular values, without sign.
+
+    Args:
+        passive: the matrix of the passive columns.
+        linearised: the loops on the `stencil` of s (T = 3).
+        corank: number of motions that escape at s.
     """
     if corank > 1:
         return float(singular_values(block_slopes(passive.evaluate, s, corank).slope)[-1])
@@ -312,5 +330,5 @@ def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: 
     if points[-1] == s:  # the end of the path
         return local.slope
     # The border of a singular matrix gives g an arbitrary sign. Beyond the root g gets the sign of det P.
-    sign = np.sign(local.upper) * np.linalg.slogdet(P[-1]).sign
+    sign = np.sign(local.g_above) * np.linalg.slogdet(P[-1]).sign
     return float(local.slope * sign)

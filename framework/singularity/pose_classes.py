@@ -84,7 +84,7 @@ class Classification(ReadOnlyArrays):
     sigma_A: float  # smallest singular value of A, dimensionless, 0 .. 1
     length: float  # [m] characteristic length of all dimensionless quantities
     torque_norm: float  # largest 2-norm of all motor torques per newton, joint side [N m/N, N/N for slides]
-    torque_largest: float  # largest torque of a single motor, likewise
+    torque_largest: float  # largest torque of a single motor per newton, joint side
     motor_torque_norm: float  # `torque_norm` on the motor side of the gears
     motor_torque_largest: float  # `torque_largest` on the motor side
     pressure_angle: Array  # (n_a,) [rad], NaN where undefined
@@ -129,11 +129,11 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
     # (k, n + m) unit motions of the joints with the platform locked, motors first
-    at_rest = null_directions(type1_matrix(robot, linearised)[0])
+    locked_motions = null_directions(type1_matrix(robot, linearised)[0])
     gained = max(escaping.freedoms - robot.n, 0)
 
     kinds = set(escaping.kinds)
-    legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
+    legs = _motors_moving_at_rest(robot, locked_motions[:, : robot.n_a], gained)
     if legs is not None:
         kinds.add("type_1")
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
@@ -141,7 +141,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
 
     contact = ""
     if along is not None and escaping.corank:
-        if len(at_rest):
+        if len(locked_motions):
             raise InvalidInput(
                 f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
                 f"singularity, or of its loops), so no path is followed"
@@ -157,7 +157,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         legs=legs or (),
         twists=twists,
         corank=escaping.corank,
-        corank_inverse=len(at_rest),
+        corank_inverse=len(locked_motions),
         gained=gained,
         contact=contact,
         length=robot.length,
@@ -205,7 +205,8 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     """Compute independent unit twists (k, n) that span the same space as twists (c, n), k <= c."""
     scale = robot.platform_scale
     _, values, V_rows = np.linalg.svd(twists / scale)
-    basis = V_rows[: np.count_nonzero(values > RANK_LOST)] * scale
+    rank = np.count_nonzero(values > RANK_LOST)
+    basis = V_rows[:rank] * scale  # (k, n) of the space that the twists span
     units = [twist / twist_norm(robot, twist) for twist in basis]
     return np.array(units).reshape(-1, robot.n)  # (0, n) without any
 
@@ -213,9 +214,12 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
 def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
     """Return the contact of a direction with the locus at a `closed` pose (T = 1): transversal or tangential.
 
-    The direction `along` (n,) has rates of the platform's coordinates.
     The contact is transversal if all `corank` vanishing singular values change at first order. With the
     border of the pose itself, their slopes are the singular values of dG along a unit motion of the joints.
+
+    Args:
+        along: rates (n,) of the platform's coordinates in the direction.
+        corank: number of escaping motions.
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist, _ = robot.platform.twist(closed.x, dx[None])
@@ -224,6 +228,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     unit_rates = rates / size  # (nv,)
+    # central differences of G; to first order the loops stay closed
     steps = DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])  # along the unit motion
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps[:, None] * unit_rates)
     matrices = type2_matrix(robot, linearised_at(robot, poses, None))

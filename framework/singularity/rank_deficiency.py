@@ -63,7 +63,7 @@ class NearMiss(NamedTuple):
     s: float
     g: float  # the smallest singular value with the sign of the determinant
     width: float  # in s, from the minimum to the nearer point where |det G| has doubled
-    size: int  # width of the border: more than 1 if several singular values are small
+    size: int  # number of columns of the border: more than 1 if several singular values are small
 
 
 def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
@@ -80,7 +80,8 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     single = list[Contact]()  # where one singular value vanishes
     stretches = list[RootStretch]()  # about extrema whose roots are known
     largest_residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
-    for candidate in sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum):
+    minima_first = sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum)
+    for candidate in minima_first:
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
         # where several singular values are small, they may vanish together
         common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
@@ -107,11 +108,11 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 def _refine_root(
     measured: Measured, candidate: Candidate, size: int, largest_residual: float
 ) -> Contact | None:
-    """Refine a candidate for a root of g by Newton's method; None if the matrix loses no rank near by.
+    """Refine a candidate for a root of g by Newton's method; None without a loss of rank.
 
     Args:
-        size: width of the border.
-        largest_residual: bound on |g| at a root from which Newton's method does not converge.
+        size: number of columns of the border.
+        largest_residual: bound on |g| at a root where Newton's method ends without convergence.
     """
     root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
     is_near = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
@@ -148,8 +149,13 @@ def _miss_at_extremum(
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
-    An extremum is no near miss if g is zero there, if a `known` contact lies between the points where |g| has
-    doubled, or if the least singular value exceeds `level` at the start. `panel` is that of the start.
+    An extremum is no near miss if g is zero there, or if a contact lies between the points where |g| has
+    doubled.
+
+    Args:
+        panel: the panel of the start.
+        known: the contacts of the path.
+        level: least singular value at the start above which there is no near miss.
     """
     matrix = panel.matrix(start)
     if singular_values(matrix)[-1] >= level:
@@ -170,8 +176,12 @@ def _miss_at_end(
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
-    The end is no near miss if its least singular value exceeds `level`, or if a `known` contact is closer
-    than the distance over which g changes by its own value. `panel` is the one at this end.
+    The end is no near miss if a contact is closer than the distance over which g changes by its own value.
+
+    Args:
+        panel: the panel at this end.
+        known: the contacts of the path.
+        level: least singular value at the end above which there is no near miss.
     """
     matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
@@ -212,9 +222,11 @@ class RootStretch(NamedTuple):
 
 
 def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
-    """Find the contacts at or beside an extremum of g, and the reach, in s, of their `RootStretch`.
+    """Find the contacts at or beside an extremum of g with a border of `size` columns.
 
-    `size` is the width of the border.
+    Returns:
+        The contacts; the reach of their `RootStretch`: the distance from the extremum, in s, up to which they
+        are all roots of g.
     """
     s = extremum.s
     if extremum.is_touch:  # g is zero at the extremum within its rounding
@@ -224,6 +236,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
         contact = Contact(s, "tangential", resolution=upper - lower)
         if extremum.changes_sign:
             contact = Contact(s, "transversal")
+        # with a margin of 2 for roots of wider panels, which are less accurate
         return [contact], 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
     roots = [root for root in _polish_roots(measured, extremum, size) if _loses_rank(measured, root, size)]
     # g has another extremum before any root farther out than 1.5 times the farther of these roots
@@ -234,11 +247,11 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
     """Refine the roots of g beside an extremum by Newton's method, each with its own border.
 
-    A root from which Newton's method leads elsewhere is returned unchanged. `size` is the width of a border.
+    A root from which Newton's method leads elsewhere is returned unchanged. A border has `size` columns.
     """
     roots = []
     for root in extremum.roots():
-        radius = abs(root - extremum.s) / 4
+        radius = abs(root - extremum.s) / 4  # the other root lies beyond the extremum, out of reach
         polished = root_of_g(measured.evaluate, root, size=size, longest=radius)
         is_same = polished.converged and abs(polished.place - root) < radius
         roots.append(polished.place if is_same else root)
@@ -256,7 +269,7 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
     """Return whether the matrix loses rank at a root and, inside the path, g changes its sign.
 
-    `size` is the width of the border.
+    The border has `size` columns.
     """
     s = root.place
     if not _loses_rank(measured, s, size):
@@ -279,7 +292,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises |G|, whose entries all vanish at the contact. If they vanish without a
-    slope, the contact is the extremum of `_product_with_end_blocks`. `size` is the width of the border.
+    slope, the contact is the extremum of `_product_with_end_blocks`. The border has `size` columns.
     """
     s = start
     for _ in range(MAX_COMMON_STEPS):
@@ -329,7 +342,7 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> Blo
 
     Args:
         matrices: computes the matrices (T, n, n) at path coordinates (T,).
-        size: width of the border.
+        size: number of columns of the border.
     """
     h = DIFFERENCE_STEP
     middle = float(np.clip(s, h, 1.0 - h))

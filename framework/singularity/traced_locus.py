@@ -149,7 +149,9 @@ def _trace_branches(
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
-    `longest` is the longest step [rad, robot lengths].
+    Args:
+        region: where curves are followed.
+        longest: longest step along a curve [rad, robot lengths].
 
     Returns:
         Each curve with its branch points (S = 1 each).
@@ -270,7 +272,7 @@ def root_between(
 
     def value_at(share: float) -> float:
         """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
-        if share in (0.0, 1.0):
+        if share in (0.0, 1.0):  # the neighbours themselves, without another correction
             return measure(end if share else start)
         point = advance(equations, start, share * chord, curvature)
         if point is None:
@@ -363,7 +365,8 @@ class Region(NamedTuple):
         x = robot.platform.coordinates(frames_at(robot, q))
         if equations.in_motors:
             motors = robot.actuated[list(equations.free)]
-            offset = difference(robot, self.q, q)[:, motors[robot.sliding[motors]]]
+            sliding = motors[robot.sliding[motors]]  # hinges turn without bound
+            offset = difference(robot, self.q, q)[:, sliding]
         else:
             offset = (x - self.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
@@ -399,7 +402,7 @@ class Region(NamedTuple):
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
-        margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge
+        margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge, to a tenth of it
 
         def excess(point: Points) -> float:
             """Compute the excess of the least determinant of a leg over that at the edge."""

@@ -63,9 +63,13 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
 
 
 def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the least controlled unit twist (n,) and its joint rates (nv,) (T = 1).
+    """Compute the least controlled unit twist and its joint rates (T = 1).
 
-    At a Type 2 singularity of corank 1 both equal those of `uncontrolled_motion`.
+    With locked motors it opens the loops least. At a Type 2 singularity of corank 1 it is that of
+    `uncontrolled_motion`.
+
+    Returns:
+        The twist (n,), see `twist_norm`; the joint rates (nv,).
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value
@@ -106,12 +110,13 @@ def escaping_motions(
 
     # number of independent motions of the platform: in all directions, and along its axes
     rank = _count_rank(motions @ twists)
-    rank_on_axes = _count_rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
+    on_axes = linearised.platform[0] / robot.platform_scale[:, None]  # (n, nv) dimensionless
+    rank_on_axes = _count_rank(motions @ on_axes.T)
 
     kinds = set()
     if gained > 0:  # the loops have lost rank
-        moves_platform = _count_rank(freedoms.T @ twists[robot.moving]) > robot.n
-        kinds.add("constraint" if moves_platform else "closure")
+        gains_freedom = _count_rank(freedoms.T @ twists[robot.moving]) > robot.n  # whether the platform does
+        kinds.add("constraint" if gains_freedom else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
     if len(lost) > gained:  # more motions escape than the loops have gained

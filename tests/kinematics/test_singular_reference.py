@@ -180,6 +180,6 @@ def test_an_equation_that_springs_move_nearby_but_not_at_the_reference_is_found(
     robot = ParallelRobot.from_description(
         replace(five_bar, springs=(twist,), reference=stretched), flexibility="flexible_links"
     )
-    assert robot.structure.springs_alone == ("tip.z",)
+    assert robot.structure.spring_only_rows == ("tip.z",)
     with pytest.raises(InvalidInput, match=r"tip\.z can only be closed by springs"):
         simulate(robot, lambda t: [0.0, 0.0], duration=0.1)

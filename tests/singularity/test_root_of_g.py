@@ -64,4 +64,4 @@ def test_the_slope_is_the_derivative_of_the_singular_value(place):
     assert abs(found.slope) == pytest.approx(1.0, abs=10 * DIFFERENCE_STEP ** (2 if 0 < place < 1 else 1))
     assert found.g == pytest.approx(0.0, abs=1e-15)
     # at the upper end nothing lies beyond
-    assert abs(found.upper) == pytest.approx(0.0 if place == 1.0 else DIFFERENCE_STEP, rel=1e-3, abs=1e-15)
+    assert abs(found.g_above) == pytest.approx(0.0 if place == 1.0 else DIFFERENCE_STEP, rel=1e-3, abs=1e-15)

@@ -140,6 +140,8 @@ class Branch(ReadOnlyArrays):
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).
 
+        In the core of a continuation Newton's method fails; the guesses, accurate to rounding, are returned.
+
         Raises:
             NotAssembled: Newton's method does not converge to the branch, for instance near a singularity of
                 the inverse kinematics without a continuation.
@@ -168,17 +170,17 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
     is not accurate enough still gives the guesses for the next, narrower one.
     """
-    piece = np.searchsorted(branch.path.knots, s, side="right")
+    piece = np.searchsorted(branch.path.knots, s, side="right")  # index of the smooth piece
     lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
-    guessed = branch
+    continued = branch  # with the last continuation that was fitted
     for half_width in HALF_WIDTHS:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
-        continuation = _fit_continuation(guessed, s, start, end)
+        continuation = _fit_continuation(continued, s, start, end)
         if continuation is None:
             continue
-        guessed = replace(branch, continuations=(*branch.continuations, continuation))
+        continued = replace(branch, continuations=(*branch.continuations, continuation))
         if continuation.error < CONTINUATION_ERROR:
-            return guessed
+            return continued
     return None
 
 
@@ -190,22 +192,24 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     provides guesses closer to it. The error is the largest of misfit, residual and truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
-    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # s of the nodes
-    basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
-    x, guess = branch.path(parameters), branch.guess(parameters)
+    s_nodes = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # (nodes,)
+    basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)  # (nodes, degree + 1)
+    x, guess = branch.path(s_nodes), branch.guess(s_nodes)
     continuation = None
     for share in SOUND_NODE_RATIOS:
-        sound, u = _trusted_offsets(branch, guess, x, share)
+        sound, offsets = _trusted_offsets(branch, guess, x, share)  # (k,) indices, (k, nv)
         if len(sound) < MIN_SOUND_NODES:
             break
-        series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
-        guess = integrate(robot, branch.origin, basis @ series)
+        # (degree + 1, nv) by least squares
+        series = np.asarray(np.linalg.lstsq(basis[sound], offsets, rcond=None)[0], dtype=float)
+        guess = integrate(robot, branch.origin, basis @ series)  # of the next round
 
-        misfit = np.abs((basis[sound] @ series - u) / lengths).max()
+        misfit = np.abs((basis[sound] @ series - offsets) / lengths).max()
         residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
+        # `tail` is relative to the largest coefficient
         truncation = np.abs(series / lengths).max() * tail(series / lengths)
         error = float(max(misfit, residual, truncation))
-        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series, error)
+        continuation = Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
     return continuation
 
 
@@ -218,6 +222,7 @@ def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tu
     Args:
         guess: configurations (nodes, nq) from which Newton's method starts.
         x: platform coordinates (nodes, n).
+        share: least singular value at a sound node over its maximum, see `SOUND_NODE_RATIOS`.
 
     Returns:
         The nodes, and the offsets (k, nv) of their closed configurations from the branch's origin.
@@ -229,21 +234,24 @@ def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tu
     try:
         closed = close_loops(robot, x[sound], guess[sound])
     except NotAssembled:
-        return sound[:0], guess[:0]
-    u = difference(robot, branch.origin, closed.q)
-    steps = largest_motion(robot, u - difference(robot, branch.origin, guess[sound]))
-    trusted = steps < CONTINUATION_STEP * least[sound]
-    return sound[trusted], u[trusted]
+        return sound[:0], guess[:0]  # no node is trusted
+    offsets = difference(robot, branch.origin, closed.q)
+    corrections = largest_motion(robot, offsets - difference(robot, branch.origin, guess[sound]))
+    trusted = corrections < CONTINUATION_STEP * least[sound]
+    return sound[trusted], offsets[trusted]
 
 
-def _core_interval(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes.
+def _core_interval(s_nodes: Array, sound: IntArray, s: float) -> tuple[float, float]:
+    """Return the least interval between sound nodes that contains s and all unsound nodes.
 
-    Without a sound node on one side, the interval extends to the last of all nodes, `parameters`, on that
-    side.
+    Without a sound node on one side, the interval extends to the last node on that side.
+
+    Args:
+        s_nodes: path coordinates (nodes,) of all nodes, ascending.
+        sound: indices (k,) of the sound ones.
     """
-    to_cover = np.append(np.delete(parameters, sound), s)
-    sound_nodes = parameters[sound]
-    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=parameters[0])
-    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=parameters[-1])
+    to_cover = np.append(np.delete(s_nodes, sound), s)
+    sound_nodes = s_nodes[sound]
+    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=s_nodes[0])
+    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=s_nodes[-1])
     return float(start), float(end)

@@ -138,7 +138,8 @@ def curve_end_error(
     at_reference = clearance(robot, linearised_at_reference(robot))
     usual_clearance = max(end.largest[0], at_reference[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
-    share, x = float(end.share[0]), end.x[0]
+    share = float(end.share[0])
+    x = end.x[0]
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     place = f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"
     if end.clearance[0] > TYPE_2_END_RATIO * usual_clearance:

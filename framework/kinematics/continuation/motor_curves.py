@@ -69,7 +69,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
     frames = linearised.frames
     count = len(frames.q)
-    value = clearance(robot, linearised)
+    clearances = clearance(robot, linearised)
     sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q,
@@ -77,9 +77,9 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         rate=np.zeros((count, robot.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
-        clearance=value,
-        least=value,
-        largest=value,
+        clearance=clearances,
+        least=clearances,
+        largest=clearances,
         determinant_sign=sign,
         log_determinant=logarithm,
     )
@@ -110,18 +110,21 @@ def follow_curves(
         steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
         rows = live[steps.rows]  # curves whose loops are closed after the step
 
+        # accept the steps that stay on their branch and pass no singularity
         is_nearer = steps.ends.clearance < current.clearance[steps.rows]
         approaching[rows] |= steps.on_branch & is_nearer & (steps.ends.clearance < BRANCHES_MEET)
         past_meeting = steps.on_branch & approaching[rows] & ~is_nearer
         ended[rows[past_meeting]] = True
         accepted = steps.on_branch & ~past_meeting
-        assign(curves, rows[accepted], select(steps.ends, accepted))
+        assign(curves, rows[accepted], select(steps.ends, accepted))  # changes `curves` in place
 
+        # double the steps with small corrections, except the single step of a short curve; halve refused ones
         grows = rows[accepted & (steps.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
 
+        # a refused step may be due to a turning point ahead
         ended[_end_at_turning_points(robot, curves, refused, turn)] = True
         live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
     return curves
@@ -132,9 +135,11 @@ def _begin_curves(
 ) -> MotorCurves:
     """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)
-    curves.share[:], curves.steps[:] = 0.0, 0
-    curves.least[:] = curves.largest[:] = curves.clearance
+    curves = select(start, copies)  # copies of the arrays of `start`
+    curves.share[:] = 0.0
+    curves.steps[:] = 0
+    curves.least[:] = curves.clearance
+    curves.largest[:] = curves.clearance
     return curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
 
@@ -154,7 +159,8 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
     rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
     linearised = closing.linearised.select(rows)
-    starts, length = select(current, rows), length[rows]
+    starts = select(current, rows)
+    length = length[rows]
     ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
         rate=rates_closing_loops(robot, linearised, turn[rows]),
@@ -200,9 +206,15 @@ def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one.
+    """Move the curves `rows` to the next Type 2 singularity ahead, where one exists.
 
-    `turn` (all curves, nv) are the turns of the motors from s = 0 to 1.
+    Args:
+        curves: all curves; those that end are changed in place.
+        rows: indices (R,) of the curves to examine.
+        turn: turns (curves, nv) of the motors from s = 0 to 1.
+
+    Returns:
+        The indices of the curves that end.
     """
     if not len(rows) or not len(robot.following):
         return rows[:0]

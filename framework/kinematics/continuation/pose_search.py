@@ -136,7 +136,8 @@ class PoseSearch:
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS  # see `_bounds`
+        # with sizes of 1 the room is the determinant less its least value
+        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -161,6 +162,7 @@ class PoseSearch:
             if following is not None:
                 gain = (iterate.value - following.value) / step.decrease
                 iterate = following if gain > 0.0 else iterate
+            # less damping where the quadratic model predicts well, more where it does not
             if gain > GOOD_GAIN:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
@@ -188,6 +190,7 @@ class PoseSearch:
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
+        # in the order of `_Iterate.room`: lower ends, upper ends, determinants
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
         is_met = (iterate.room < rounding) | step.is_small(iterate)
@@ -214,18 +217,21 @@ class PoseSearch:
         from scipy.optimize import nnls
 
         g, H = iterate.gradient, iterate.hessian
-        # bounds that a step can reach; the others would only slow down the solver
+        # bounds that a step can reach; the others would only slow down the solver. The factor 2 is a margin:
+        # the largest joint motion is limited, but |z| may be longer
         in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_NEWTON_STEP > iterate.room
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
         w = inverse.T @ g
         G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
 
+        # the least distance by nonnegative least squares
         matrix = np.vstack([G.T, G @ w - iterate.room[in_reach]])
         right = np.append(np.zeros(len(g)), 1.0)
         multipliers = nnls(matrix, right)[0] if in_reach.any() else np.zeros(0)
-        residual = matrix @ multipliers - right
+        residual = matrix @ multipliers - right  # (r, r_0)
         y = -residual[:-1] / residual[-1]
 
+        # back to amplitudes z, scaled down to the largest step
         z = inverse @ (y - w)
         z *= min(1.0, MAX_NEWTON_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_DIVISOR))
         forces = np.zeros(len(in_reach))
@@ -244,7 +250,8 @@ class PoseSearch:
             return None
 
         correction = difference(self.robot, predicted, q)
-        corrected, advance = largest_motion(self.robot, np.array([correction, motion]))[:, None]
+        largest = largest_motion(self.robot, np.array([correction, motion]))  # (2,)
+        corrected, advance = largest[:, None]  # (1,) each, as `is_small` takes stacks
         if not is_small(corrected, advance)[0]:
             return None
 
@@ -314,12 +321,12 @@ class PoseSearch:
         """
         J = self._loop_slopes(linearised_at(self.robot, q[None], None))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
-        Z = Q[:, len(J) :]
+        Z = Q[:, len(J) :]  # (f, n) the null space of J
         linearised = self._linearise_around(q, Z)
-        x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
+        x, X, loops = self._slopes(linearised, near)  # (T, n), X = dx (T, n, f), dc (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
-        # the multipliers (m,) that balance the gradient of the error in the least squares
+        # the multipliers lambda (m,) that balance the gradient of the error in the least squares
         multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
@@ -332,6 +339,7 @@ class PoseSearch:
             value=float(0.5 * e @ e),
             basis=Z,
             gradient=A.T @ e,
+            # differences leave the curvature slightly asymmetric
             hessian=_make_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
             room=room,
             room_slopes=room_slopes,
@@ -340,6 +348,8 @@ class PoseSearch:
 
     def _bounds(self, q: Array, X: Array, loops: Array, Z: Array) -> tuple[Array, Array]:
         """Compute `room` (2 f + 2,) and `room_slopes` (2 f + 2, n) of an `_Iterate`.
+
+        Finite differences along Z give the slopes of the determinants.
 
         Args:
             X: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
@@ -357,10 +367,12 @@ class PoseSearch:
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n), and derivatives of x (T, n, f) and of the loops (T, m, f).
+        """Compute x (T, n) and derivatives along the joints.
 
-        The derivatives are along the joints.
         Angles of x are taken within half a turn of `near` (n,).
+
+        Returns:
+            x (T, n); the derivatives of x over its scale (T, n, f); those of the loops (T, m, f).
         """
         robot = self.robot
         twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)

@@ -43,9 +43,8 @@ MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 # chord, and of the gain in s.
 MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
-MAX_ARC_LENGTH = (
-    2 * MAX_PREDICTOR_MOVE
-)  # [rad, lengths] norm over all joints; no farther turning point counts
+# [rad, lengths] norm over all joints; no farther turning point counts
+MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
 MAX_SECANTS = 12
 
 
@@ -162,14 +161,16 @@ class Curves:
     def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
-        A curve that has converged or become too long rests while the others go on.
+        A curve that has converged or become too long rests while the others go on. t (T,) is the length
+        along the curves so far, dt the next secant step.
         """
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
         c /= np.linalg.norm(c, axis=1, keepdims=True)
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
-        t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
+        t = np.zeros(len(q))
+        dt = np.full(len(q), FIRST_SECANT_LENGTH)
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it

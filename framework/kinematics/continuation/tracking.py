@@ -112,11 +112,13 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     require_square(robot)
     if distance < FILE_ROUNDING * robot.length:
-        closed, steps = close_loops(robot, target[None], reference.q[None]), 1
+        closed = close_loops(robot, target[None], reference.q[None])
+        steps = 1
     else:
         segment = Line(reference.x, target)
         branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-        closed, steps = branch.close(1.0), len(branch.s)  # cheap, since s = 1 is a knot
+        closed = branch.close(1.0)  # cheap, since s = 1 is a knot
+        steps = len(branch.s)
     return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
 
 
@@ -152,7 +154,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
             the last pose lies just before it.
     """
     start = np.zeros(1)
-    pose = _poses_at(robot, path, start, linearised_at(robot, q[None], path(start)))
+    pose = _with_tangents(robot, path, start, linearised_at(robot, q[None], path(start)))
     stretches = [pose]  # of poses followed so far, each stretch from one tangent
     step = FIRST_STEP_RATIO
     while pose.s[0] < 1.0:
@@ -202,7 +204,8 @@ def _take_steps(
     if ends is None:
         return None
 
-    steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
+    # judge each step as if it had been predicted from the end of the previous one
+    steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)  # (K, 1) in s
     q = np.concatenate([start.q, ends.q[:-1]])  # configurations at the starts of the steps
     predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
     corrections = difference(robot, integrate(robot, q, predicted), ends.q)
@@ -212,6 +215,7 @@ def _take_steps(
 
     ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
+    # where the tangent turns much, another branch must not cross near the end
     curved = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
     accepted[curved] = count_lost_ranks(robot, ends.linearised.select(curved), BRANCHES_CROSS) == 0
     count = _count_leading(accepted)
@@ -228,13 +232,24 @@ def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -
     if not count:
         return None
     try:
-        return _poses_at(robot, path, s[:count], linearised.select(slice(count)))
+        return _with_tangents(robot, path, s[:count], linearised.select(slice(count)))
     except NotAssembled:  # a pose is singular to the last bit and has no tangent
         return _close_ahead(robot, path, s[:1], predicted[:1]) if count > 1 else None
 
 
-def _poses_at(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
-    """Return the poses of `linearised` at s (K,) with their tangents dq/ds, springs at rest."""
+def _with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
+    """Compute the tangents dq/ds (K, nv) at K poses, with constant deflections.
+
+    Args:
+        s: path coordinates (K,) of the poses.
+        linearised: the loops at the poses.
+
+    Returns:
+        The poses with their tangents.
+
+    Raises:
+        NotAssembled: a pose is singular to the last bit and has no tangent.
+    """
     twist, _ = robot.platform.twist(path(s), path(s, 1))
     return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
 
@@ -247,10 +262,11 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]  # of the fastest joint along s
     s_ahead = pose.s + lengths
-    allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    is_on_path = s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO  # with room for rounding
+    allowed = is_on_path & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
     s_ahead = s_ahead[allowed]
-    return np.where(s_ahead > 1.0 - SAME_PLACE, 1.0, s_ahead)
+    return np.where(s_ahead > 1.0 - SAME_PLACE, 1.0, s_ahead)  # the last step ends at 1 to the last bit
 
 
 def _count_leading(flags: BoolArray) -> int:
@@ -304,8 +320,9 @@ def _branch_end_error(
     path in the message.
     """
     last = followed.last
-    s, linearised = float(last.s[0]), last.linearised
+    s = float(last.s[0])
     x = path(s)
+    linearised = last.linearised
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")

@@ -98,12 +98,17 @@ class _Group:
         """Compute the derivative (m + 3 d, k) of `gap` along u."""
         frames = self._frames(u)
         equations = scaled_equations(self.mechanism, self.rows, frames)
-        vectors = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
-        rows = [equations.jacobian[0], vectors.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
+        # (d, 3, nv)
+        direction_slopes = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
+        rows = [equations.jacobian[0], direction_slopes.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
         return np.concatenate(rows)[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
-        """Find offsets (k,) near a start that close the loops best, and their largest residual."""
+        """Find offsets (k,) near a start (k,) that close the loops best.
+
+        Returns:
+            The offsets; the largest residual there [robot lengths or rad].
+        """
         from scipy.optimize import least_squares
 
         answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSELY)
@@ -155,7 +160,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
-    groups, directions = [], mechanism.directions
+    groups = []
+    directions = mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(depends[rows].any(axis=0))

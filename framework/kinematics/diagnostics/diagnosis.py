@@ -136,7 +136,8 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     Raises:
         NotAssembled, SingularReference: see `check_robot`.
     """
-    gap, remarks = None, list[str]()
+    gap = None
+    remarks = list[str]()
     try:
         mechanism, closing = assemble_mechanism(mechanism)
     except NotAssembled as failure:
@@ -170,7 +171,7 @@ def reference_in_words(mechanism: Mechanism) -> str:
 
 
 def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute the signs of both modes and the clearance at the reference."""
+    """Compute working mode, assembly mode (a sign each) and clearance at the reference."""
     linearised = linearised_at_reference(robot)
     working, assembly = mode_signs(robot, linearised)
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
@@ -237,7 +238,7 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
             f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
             f"takes (axes: [...])"
         )
-    alone = robot.structure.springs_alone
+    alone = robot.structure.spring_only_rows
     if alone:
         yield (
             f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
@@ -275,6 +276,7 @@ def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
     names = []
     loops = joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
+        # rows are named CLOSURE.AXIS
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = numerical_rank(loops[others]) if others else 0
         gained = len(robot.structure.independent) - rank  # freedoms gained without the closure

@@ -104,7 +104,7 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
         return PlatformAxes(stuck="", stuck_here="", velocities=freedoms, proposals=())
     poses = nearby_configurations(robot, q)
     combinations_at_poses = [stuck_here, *(_immovable_combinations(robot, pose) for pose in poses)]
-    stuck = min(combinations_at_poses, key=lambda immovable: immovable.shape[1])
+    stuck = min(combinations_at_poses, key=lambda immovable: immovable.shape[1])  # at the least stuck pose
     twists = [_platform_twists(robot, pose) for pose in (q, *poses)]  # (6, f) each
     velocities = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
@@ -116,29 +116,31 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, fewest turns first.
+    """Return up to MAX_LISTED sets of axes, other than `stated`, along which a frame can move.
 
-    A set is sufficient if at one pose at least the frame can move independently along all of its axes. Two
-    turns are coordinates in series, and their order matters. So if the `stated` axes are two turns that are
-    not sufficient, the reverse order is proposed.
+    The frame can move along a set if at one pose at least it can move independently along all of its axes.
+    Sets with the fewest turns come first. Two turns are coordinates in series, and their order matters. So
+    the reverse order of two `stated` turns counts as another set.
 
     Args:
         twists: (6, f) at each pose, twists of the frame in the f motions that the loops allow.
         freedoms: number of axes in a set.
-        stated: axes of the robot file.
+        stated: axes of the robot file, which are not sufficient.
     """
     if not freedoms:
         return ()
     proposals: list[Names] = []
+    # an axis is an index into AXES: 0 to 2 are translations, 3 to 5 are turns
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns:
-        least = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)
-        if least <= PROPOSED_AXES_CLEARANCE:
+        clearance = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)  # at the best pose
+        if clearance <= PROPOSED_AXES_CLEARANCE:
             continue
         names = tuple(AXES[axis] for axis in axes)
+        are_two_turns = freedoms == 2 and min(axes) >= 3
         if set(names) != set(stated):
             proposals.append(names)
-        elif freedoms == 2 and min(axes) >= 3:
+        elif are_two_turns:
             proposals.append(stated[::-1])
     return tuple(proposals[:MAX_LISTED])
 
@@ -180,7 +182,7 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
     """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
-    velocities = [np.empty((0, model.nv))]
+    velocities = [np.empty((0, model.nv))]  # for a robot without mass
     for joint in range(1, model.njoints):
         body = model.inertias[joint]
         if body.mass > 0.0:
@@ -190,13 +192,16 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
-    """Write immovable combinations `stuck` (n, k) of the axes `names`: single ones first, then mixed ones."""
+    """Write immovable combinations `stuck` (n, k) of the axes `names`: single ones first, then mixed ones.
+
+    The columns of `stuck` are orthonormal.
+    """
     # the norm is 1 if the axis is immovable by itself, 0 if it is in no combination
-    sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
-    alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
+    norms = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
+    alone = [name for name, norm in norms.items() if norm > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
-    involved = [name for name, size in sizes.items() if size > FILE_ROUNDING]
+    involved = [name for name, norm in norms.items() if norm > FILE_ROUNDING]
     together = " and ".join(name for name in involved if name not in alone)
     return ", ".join([*alone, f"{together} independently of each other"])
 
@@ -207,9 +212,11 @@ def null_space(matrix: Array) -> Array:
 
 
 def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal bases (c, r) of a matrix's row space and (c, c - r) of its null space.
+    """Compute orthonormal bases of the row space and the null space of a matrix (m, c).
 
-    The rank r counts the singular values above `level`.
+    Returns:
+        The bases (c, r) and (c, c - r), one vector a column. The rank r counts the singular values above
+        `level`.
     """
     span, null = split_row_space(matrix, level, scale=(1.0, 1.0))
     return span.T, null.T

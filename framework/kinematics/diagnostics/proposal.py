@@ -60,7 +60,7 @@ class _UndrivenMotions(RobotFileError):
         self.reference = motions.mechanism.reference_values(motions.q)
 
 
-def propose(options: Options, known: PartialRobot) -> PartialRobot:
+def propose(options: Options, partial: PartialRobot) -> PartialRobot:
     """Complete the description with missing platform, motors and reference; remark on each.
 
     Serial joints are those in no loop. Free bases are held. So are serial joints that carry no loop (a wrist
@@ -72,61 +72,61 @@ def propose(options: Options, known: PartialRobot) -> PartialRobot:
         NotAssembled: the loops close nowhere.
         RobotFileError: nothing can be proposed; the message names sufficient options.
     """
-    known = known._replace(chooses_motors=options.motors is None)
-    serial = _serial_joints(known)
-    free = [name for name in serial if known.tree.joints[name].kind == "floating"]
-    known = _hold_joints(known, free, "a free base, which no motor drives")
-    without_loops, carrying_loops = _split_serial_joints(known, options)
-    known = _hold_joints(known, without_loops, IN_NO_LOOP)
-    if known.platform is not None and options.motors is not None:
-        return known.with_platform(known.platform)
+    partial = partial._replace(chooses_motors=options.motors is None)
+    serial = _serial_joints(partial)
+    free = [name for name in serial if partial.tree.joints[name].kind == "floating"]
+    partial = _hold_joints(partial, free, "a free base, which no motor drives")
+    without_loops, carrying_loops = _split_serial_joints(partial, options)
+    partial = _hold_joints(partial, without_loops, IN_NO_LOOP)
+    if partial.platform is not None and options.motors is not None:
+        return partial.with_platform(partial.platform)
 
     may_hold_carriers = bool(carrying_loops) and options.is_silent
     try:
-        return _complete_description(known, by_joints=not may_hold_carriers)
+        return _complete_description(partial, by_joints=not may_hold_carriers)
     except RobotFileError as error:
         if may_hold_carriers:
-            known = _hold_joints(known, carrying_loops, IN_NO_LOOP)
+            partial = _hold_joints(partial, carrying_loops, IN_NO_LOOP)
         elif not isinstance(error, _UndrivenMotions):
             raise
-    return _complete_with_holding(known)
+    return _complete_with_holding(partial)
 
 
-def _complete_with_holding(known: PartialRobot) -> PartialRobot:
+def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
     """Complete the description; hold springs and idle turns that no motor drives."""
     try:
-        return _complete_description(known, by_joints=True)
+        return _complete_description(partial, by_joints=True)
     except _UndrivenMotions as undriven:
-        description = replace(known.description, reference=undriven.reference)
-        known = known._replace(description=description, remarks=(*known.remarks, *undriven.remarks))
-        return _complete_description(_hold_joints(known, undriven.joints, undriven.why), by_joints=True)
+        description = replace(partial.description, reference=undriven.reference)
+        partial = partial._replace(description=description, remarks=(*partial.remarks, *undriven.remarks))
+        return _complete_description(_hold_joints(partial, undriven.joints, undriven.why), by_joints=True)
 
 
-def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
+def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
-    If nothing can be proposed at the file's pose, and this pose exceeds joint limits, a pose within the
-    limits is tried.
+    At a singular reference a pose beside it is taken. If nothing can be proposed at the file's pose, and this
+    pose exceeds joint limits, a pose within the limits is tried.
 
     Args:
         by_joints: whether positions of joints may become the platform's coordinates.
     """
-    urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
-    known = known._replace(description=replace(known.description, urdf_text=urdf))
+    urdf = ElementTree.tostring(partial.tree.root, encoding="unicode")
+    partial = partial._replace(description=replace(partial.description, urdf_text=urdf))
     try:
-        return _complete_at_pose(known, motions_near_reference(known.description), by_joints=by_joints)
+        return _complete_at_pose(partial, motions_near_reference(partial.description), by_joints=by_joints)
     except SingularReference as singular:
-        beside = motions_near_reference(replace(known.description, reference=singular.poses[0]))
+        beside = motions_near_reference(replace(partial.description, reference=singular.poses[0]))
         beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
-        return _complete_at_pose(known, beside, by_joints=by_joints)
+        return _complete_at_pose(partial, beside, by_joints=by_joints)
     except RobotFileError:
-        within = motions_within_limits(known.description)
+        within = motions_within_limits(partial.description)
         if within is None:
             raise
-    return _complete_at_pose(known, within, by_joints=by_joints)
+    return _complete_at_pose(partial, within, by_joints=by_joints)
 
 
-def _complete_at_pose(known: PartialRobot, motions: LoopMotions, *, by_joints: bool) -> PartialRobot:
+def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints: bool) -> PartialRobot:
     """Choose motors at a closed pose, then the first platform that the motors drive.
 
     Frames are tried first, then, if `by_joints`, positions of joints.
@@ -135,37 +135,37 @@ def _complete_at_pose(known: PartialRobot, motions: LoopMotions, *, by_joints: b
         RobotFileError: nothing can be proposed.
     """
     if not motions.freedoms:
-        raise _no_freedom_error(motions, known)
-    known = _choose_motors(motions, known)
-    _check_driven(motions, known)
-    if known.platform is not None:
-        return known.with_platform(known.platform)
-    for platform in _likely_platforms(motions, known):
-        if _is_driven(known.description, platform):
+        raise _no_freedom_error(motions, partial)
+    partial = _choose_motors(motions, partial)
+    _check_driven(motions, partial)
+    if partial.platform is not None:
+        return partial.with_platform(partial.platform)
+    for platform in _likely_platforms(motions, partial):
+        if _is_driven(partial.description, platform):
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
-            return known.with_platform(platform, remark)
+            return partial.with_platform(platform, remark)
 
-    part = _advise_on_parts(known)
-    joint_platforms = list(_joint_platforms(motions, known)) if by_joints else []
+    part = _advise_on_parts(partial)
+    joint_platforms = list(_joint_platforms(motions, partial)) if by_joints else []
     for platform in joint_platforms:
-        if _is_driven(known.description, platform):
+        if _is_driven(partial.description, platform):
             alternative = f"; or {part.removesuffix(', ')}" if part else ""
             why = f"no body is moved by all of the motors{alternative}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
-            return known.with_platform(platform, remark)
+            return partial.with_platform(platform, remark)
 
     if joint_platforms:  # the construction of the robot may raise a more precise error
-        ParallelRobot.from_description(replace(known.description, platform=joint_platforms[-1]))
+        ParallelRobot.from_description(replace(partial.description, platform=joint_platforms[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
-    holding = _choose_joints_to_hold(motions, idle, known)
+    holding = _choose_joints_to_hold(motions, idle, partial)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
-        f"no body is moved by all of the motors {', '.join(known.description.motor_joints)} along "
+        f"no body is moved by all of the motors {', '.join(partial.description.motor_joints)} along "
         f"{motions.freedoms} axes, and by them alone; {f'{part}or ' if part else ''}{remedy}"
     )
 
 
-def _choose_motors(motions: LoopMotions, known: PartialRobot) -> PartialRobot:
+def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
     """Return the content of the file with the closed pose as reference and with motors.
 
     If the file has more motors than there are freedoms, the best ones are chosen, unless options name the
@@ -175,10 +175,10 @@ def _choose_motors(motions: LoopMotions, known: PartialRobot) -> PartialRobot:
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
-        motors = _choose_driving_joints(motions, known.tree)
+        motors = _choose_driving_joints(motions, partial.tree)
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
-    elif known.chooses_motors and len(actuators) > motions.freedoms:
+    elif partial.chooses_motors and len(actuators) > motions.freedoms:
         motors = _choose_best_motors(motions, description.motor_joints)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(actuators)} in the file, for {motions.freedoms} freedoms: "
@@ -186,27 +186,27 @@ def _choose_motors(motions: LoopMotions, known: PartialRobot) -> PartialRobot:
         )
         actuators = tuple(actuator for actuator in actuators if actuator.joint in motors)
     description = replace(description, actuators=actuators)
-    return known._replace(description=description, remarks=(*known.remarks, *remarks))
+    return partial._replace(description=description, remarks=(*partial.remarks, *remarks))
 
 
-def _no_freedom_error(motions: LoopMotions, known: PartialRobot) -> RobotFileError:
+def _no_freedom_error(motions: LoopMotions, partial: PartialRobot) -> RobotFileError:
     """Return the error for loops that allow no motion of a mass."""
     if motions.basis.shape[1] and not motions.mechanism.mass:
         return RobotFileError("no link that moves has a mass: an inertia is missing")
-    names = sorted(_loop_joint_names(known))
+    names = sorted(_loop_joint_names(partial))
     shown = ", ".join(names[:MAX_LISTED])
     if len(names) > MAX_LISTED:
         shown += f" and {len(names) - MAX_LISTED} more"
     return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
-def _advise_on_parts(known: PartialRobot) -> str:
+def _advise_on_parts(partial: PartialRobot) -> str:
     """Return advice to select one of several parts with loops, such as a leg; empty without several.
 
     The links that a joint carries are a part if they have several of the motors but not all, and only whole
     loops.
     """
-    tree, description = known.tree, known.description
+    tree, description = partial.tree, partial.description
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     loop_paths = []  # the paths from both ends of each loop
     for closure in description.closures:
@@ -214,15 +214,18 @@ def _advise_on_parts(known: PartialRobot) -> str:
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
         carried_ends = {sum(joint in path for path in paths) for paths in loop_paths}  # 0, 1 or 2 of a loop
         carried_motors = sum(joint in path for path in motor_paths)
-        if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
+        has_whole_loops = carried_ends == {0, 2}  # each loop is carried with both ends or not at all
+        if 1 < carried_motors < len(motor_paths) and has_whole_loops:
             return f"take a part of the robot (such as --base {joint.child}), "
-    return _advise_on_other_loops(known)
+    return _advise_on_other_loops(partial)
 
 
-def _advise_on_other_loops(known: PartialRobot) -> str:
+def _advise_on_other_loops(partial: PartialRobot) -> str:
     """Return advice to lock all loops that share no joint with the first loop; empty without any."""
-    tree, description = known.tree, known.description
-    first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
+    tree, description = partial.tree, partial.description
+    # joints of loops that share joints, directly or through others
+    groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
+    first, *others = groups or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
     if not to_lock:
@@ -249,6 +252,9 @@ def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
 def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
     """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
+    Conditioned best are the rates with the largest least singular value. If the choices are too many to
+    compare, pivoting chooses.
+
     Raises:
         RobotFileError: two choices are equally good.
     """
@@ -270,25 +276,25 @@ def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
     return best
 
 
-def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, known: PartialRobot) -> list[str]:
+def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, partial: PartialRobot) -> list[str]:
     """Choose joints that, when locked, stop all unwanted motions (nv, k); empty if no choice does.
 
     Passive joints with springs come first, then those far from the base. If these do not suffice, all serial
     joints are chosen.
     """
-    tree, description = known.tree, known.description
+    tree, description = partial.tree, partial.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])  # in order of preference, without repetitions
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.choose_independent(unwanted, passive)
     if len(to_lock) == unwanted.shape[1]:
         return to_lock
-    serial = _serial_joints(known)
+    serial = _serial_joints(partial)
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
     return serial if len(freedoms) == unwanted.shape[1] else []
 
 
-def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
+def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
     """Refuse a mechanism with motions that no motor determines; propose joints to lock.
 
     Raises:
@@ -296,7 +302,7 @@ def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
             is at rest in the undriven motions and can be the platform.
         RobotFileError: no joints can be held for these reasons.
     """
-    description = known.description
+    description = partial.description
     motors = description.motor_joints
     undriven = motions.working @ null_space(motions.rates(motors))  # (nv, k) motions with motors at rest
     if not undriven.shape[1]:
@@ -304,7 +310,7 @@ def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
 
-    to_hold = _choose_joints_to_hold(motions, undriven, known)
+    to_hold = _choose_joints_to_hold(motions, undriven, partial)
     advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
@@ -315,7 +321,9 @@ def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
         why = "springs that no motor drives, taken as rigid; --motors chooses other motors"
         raise _UndrivenMotions(message, motions, to_hold, why)
-    if any(np.abs(twists @ undriven).max() < FILE_ROUNDING for _, _, twists in _moved_frames(motions, known)):
+    if any(
+        np.abs(twists @ undriven).max() < FILE_ROUNDING for _, _, twists in _moved_frames(motions, partial)
+    ):
         why = (
             "no motor drives them, and a body that all motors move rests when they turn; --motors chooses "
             "other motors"
@@ -327,22 +335,23 @@ def _check_driven(motions: LoopMotions, known: PartialRobot) -> None:
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(motions: LoopMotions, known: PartialRobot) -> list[Platform]:
+def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platform]:
     """Return platforms to try, most likely first, on frames that every motor moves."""
     scored: list[tuple[float, Platform]] = []
-    for number, frame, joint_twists in _moved_frames(motions, known):
-        # frames named like a tool come first, then frames in the order of the file
-        frame_score = any(tool in frame.lower() for tool in NAMES_OF_TOOLS) - 0.001 * number
+    for number, frame, joint_twists in _moved_frames(motions, partial):
+        # frames named like a tool come first; the order in the file decides between equal scores
+        is_named_like_tool = any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
+        frame_score = is_named_like_tool - 0.001 * number
         twists = joint_twists @ motions.working  # (6, w)
-        for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, known):
+        for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, partial):
             scored.append((axes_score + frame_score, platform))
     scored.sort(key=lambda entry: -entry[0])
     return [platform for _, platform in scored[:MAX_TRIED]]
 
 
-def _joint_platforms(motions: LoopMotions, known: PartialRobot) -> Iterator[Platform]:
+def _joint_platforms(motions: LoopMotions, partial: PartialRobot) -> Iterator[Platform]:
     """Yield platforms whose coordinates are joints: first joints without motors, then with motors."""
-    tree, motors, count = known.tree, known.description.motor_joints, motions.freedoms
+    tree, motors, count = partial.tree, partial.description.motor_joints, motions.freedoms
     without_motors = [name for name in tree.movable if name not in motors]
     for names in (without_motors, motors):
         if len(names) < count:
@@ -355,17 +364,18 @@ def _joint_platforms(motions: LoopMotions, known: PartialRobot) -> Iterator[Plat
 
 
 def _frame_platforms(
-    twists: Array, frame: str, count: int, known: PartialRobot
+    twists: Array, frame: str, count: int, partial: PartialRobot
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms of `count` coordinates on one frame, each with a score for ranking.
+    """Yield platforms of `count` coordinates on one `frame`, each with a score for ranking.
 
     If all joints that carry the frame are passive, their positions come first, with score 3. Then come axes
     of the frame. Their score is the least singular value of the frame's twists (6, w) along them, at most 1,
     plus up to 2 for the share of translations among them.
     """
-    tree = known.tree
+    tree = partial.tree
+    # the moving joints from the base to the frame
     names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
-    passive = set(tree.movable).difference(known.description.motor_joints)
+    passive = set(tree.movable).difference(partial.description.motor_joints)
     if len(names) == count and passive.issuperset(names):
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
@@ -391,10 +401,11 @@ def _turns_about_a_point(twists: Array) -> bool:
     v = linear.T.ravel()
     p = np.linalg.lstsq(cross_matrices, -v, rcond=None)[0]
     rests = np.abs(cross_matrices @ p + v).max() < NEARLY_AT_REST
-    return bool(rests and np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1)
+    has_several_axes = np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1
+    return bool(rests and has_several_axes)
 
 
-def _moved_frames(motions: LoopMotions, known: PartialRobot) -> Iterator[tuple[int, str, Array]]:
+def _moved_frames(motions: LoopMotions, partial: PartialRobot) -> Iterator[tuple[int, str, Array]]:
     """Yield number, name and twists (6, nv) for unit joint rates of each frame that every motor moves.
 
     The twists are on base axes, at the frame's origin [rad, robot lengths].
@@ -405,8 +416,8 @@ def _moved_frames(motions: LoopMotions, known: PartialRobot) -> Iterator[tuple[i
     pin.updateFramePlacements(model, data)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     # (nv, n_a) joint rates at unit rates of the motors
-    driven = motions.working @ np.linalg.pinv(motions.rates(known.description.motor_joints))
-    for number, frame in enumerate(known.tree.frames):
+    driven = motions.working @ np.linalg.pinv(motions.rates(partial.description.motor_joints))
+    for number, frame in enumerate(partial.tree.frames):
         jacobian = pin.getFrameJacobian(model, data, frame_index(model, frame), axes).reshape(6, model.nv)
         twists = scaled_twists(mechanism, jacobian)
         speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame
@@ -429,43 +440,46 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _loop_joint_names(known: PartialRobot) -> set[str]:
+def _loop_joint_names(partial: PartialRobot) -> set[str]:
     """Return the names of the joints in loops and couplings."""
-    needed = set(coupled_joints(known.description))
-    for closure in known.description.closures:
-        needed.update(_loop_joints(known.tree, closure))
+    needed = set(coupled_joints(partial.description))
+    for closure in partial.description.closures:
+        needed.update(_loop_joints(partial.tree, closure))
     return needed
 
 
-def _serial_joints(known: PartialRobot) -> list[str]:
+def _serial_joints(partial: PartialRobot) -> list[str]:
     """Return the names of moving joints in no loop."""
-    needed = _loop_joint_names(known)
-    return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
+    needed = _loop_joint_names(partial)
+    return [joint.name for joint in partial.tree.joints.values() if joint.moves and joint.name not in needed]
 
 
-def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Return the serial joints that carry no loop, and the serial joints that carry loops.
+def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
+    """Split the serial joints into joints that carry loops and others.
 
     Joints that the options name or that carry the platform are left out.
+
+    Returns:
+        Names of the joints without loops; names of the joints with loops.
     """
-    tree = known.tree
-    used = {*(options.motors or ()), *(options.platform_joints or ())}
-    frame = options.platform or (known.platform.frame if known.platform else None)
+    tree = partial.tree
+    needed = {*(options.motors or ()), *(options.platform_joints or ())}
+    frame = options.platform or (partial.platform.frame if partial.platform else None)
     if frame is not None:
-        used |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
+        needed |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
 
     carrying: set[str] = set()  # joints that carry a loop
-    for name in _loop_joint_names(known):
+    for name in _loop_joint_names(partial):
         carrying.update(joint.name for joint in tree.path_to_base(tree.joints[name].parent))
-    serial = [name for name in _serial_joints(known) if name not in used]
+    serial = [name for name in _serial_joints(partial) if name not in needed]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
-def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
+def _hold_joints(partial: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
     """Lock joints at the reference, edit the description accordingly, and remark `why`."""
     if not joints:
-        return known
-    tree, description = known.tree, known.description
+        return partial
+    tree, description = partial.tree, partial.description
     for name in joints:
         tree.fix_at_reference(tree.joints[name], description.reference)
     remaining = set(tree.coordinates)
@@ -476,4 +490,4 @@ def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> Partia
         reference={name: value for name, value in description.reference.items() if name in remaining},
     )
     remark = f"held: {', '.join(joints)} ({why})"
-    return known._replace(description=description, remarks=(*known.remarks, remark))
+    return partial._replace(description=description, remarks=(*partial.remarks, remark))
