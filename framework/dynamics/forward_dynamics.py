@@ -71,7 +71,7 @@ def forward_dynamics(
             reactions of a state are the same alone and in a stack, to the last bit.
         v: (nv,) or (T, nv) [rad/s, m/s], as returned by `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches, as for `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
 
     Raises:
         InvalidInput: q or v opens the loops; an argument has the wrong shape; a frame is unknown; parts
@@ -152,7 +152,10 @@ def forward_derivatives(
     """Compute the derivatives of `forward_dynamics`, assembled at q (nq,) with joint rates v (nv,).
 
     Args:
-        q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
+        q: assembled configuration, as returned by `assemble`; or a stack of T states (T, nq).
+        v: (nv,) or (T, nv) [rad/s, m/s] joint rates that keep the loops closed.
+        torque: (n_a,) or (T, n_a) [N m, N], motor side.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
         turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
             keep their components on base axes.
 
@@ -197,7 +200,7 @@ def _acceleration_slopes(
     The k accelerations are y" and those of the idle joints.
 
     Args:
-        changes: by unit steps of y and of the idle joints.
+        changes: changes of the motion by unit steps of y and of the idle joints.
         force_change: changes (3, T, k, nv) of the generalised forces by unit steps of k positions, rates and
             accelerations.
         d: number of coordinates y.
@@ -205,7 +208,7 @@ def _acceleration_slopes(
     motions = changes.q  # (T, k, nv) joint rates for unit rates
     by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
     by_torque = robot.gear_ratio * motions[..., robot.actuated]
-    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)
+    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)  # without steps of idle joints
     return [np.linalg.solve(inertia, right_side) for right_side in right_sides]
 
 
@@ -216,7 +219,9 @@ def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Arr
     the derivatives `slopes` of y".
 
     Args:
-        changes, d: as for `_acceleration_slopes`, which returns `slopes`.
+        changes: changes of the motion by unit steps of y and of the idle joints.
+        slopes: the result of `_acceleration_slopes`.
+        d: number of coordinates y.
     """
     by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
     motor_slopes = [by_ddy @ slope for slope in slopes]

@@ -70,7 +70,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """The wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
+        """The wrench (6,) of each closure [a, b], BY b's body ON a's at a's origin; NaN if undetermined."""
         return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
 
     @cached_property
@@ -83,7 +83,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """The wrench of each joint, BY the parent body ON the child body at the joint; NaN if undetermined.
+        """The wrench (6,) in each joint, BY the parent ON the child body at the joint; NaN if undetermined.
 
         The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
         a coupling.
@@ -138,7 +138,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def velocity_matrix_rates(self) -> VelocityMatrices:
-        """Time derivatives of A, B and C, see `matrices_and_rates`."""
+        """The time derivatives of A, B and C along the motion."""
         _matrices, rates = matrices_and_rates(self.robot, self._motion)
         return VelocityMatrices(*map(self._unstack, rates))
 
@@ -207,7 +207,7 @@ class LoopLoads(NamedTuple):
     position: Array  # (T, rows, 3) [m] position of that origin
     displacement: Array  # (T, rows, 3) [m] from the origin of the first frame to that of the second
     multipliers: Array  # (T, rows) lambda of least norm
-    free: Array  # (T, rows, rows) whose rows span the null space of J'; some are zeros
+    free: Array  # (T, rows, rows) multipliers: rows span the null space of J', filled up with zero rows
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint: (T, 6) ON the body, at the frame's origin, base axes
@@ -302,7 +302,7 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) of each closure, by name, from the loads of the loops; NaN if indeterminate.
+    """Compute the wrench (T, 6) of each closure, by name; NaN if indeterminate.
 
     A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
     closure's unit wrenches times their multipliers.
@@ -314,7 +314,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
         rows = slice(first_row, first_row + len(closure.axes))
         first_row = rows.stop
         wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        free = loops.free[:, :, rows] @ unit_wrenches[:, rows]
+        free = loops.free[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
         wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
     return wrenches
 
@@ -341,7 +341,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins
 
-    # which joint carries which body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
+    # whether a joint carries a body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
     first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
     carried_by_joint = np.insert(tree_columns(robot).carried[:, first_columns], 0, 1.0, axis=1)
     bodies, rows = scratch_of(robot).bodies, robot.rows
@@ -354,7 +354,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
 
-    # the wrench in joint j of each null-space vector k: sum over rows m
+    # the wrench in joint j by null-space vector k: the sum over rows m of sign, multiplier and unit wrench
     free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
     free = move_wrench(free, -position[:, :, None])
     return {
@@ -389,5 +389,6 @@ def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Arr
         free: wrenches (T, k, 6) of k unit vectors in the null space.
     """
     moment_arms = np.repeat([1.0, robot.length], 3)  # convert moments to forces
+    # (T, 6) largest component of a null-space vector, as a moment like the multipliers in robot lengths
     freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length
     return np.where(freedom > RANK_ROUNDING, np.nan, wrench)
