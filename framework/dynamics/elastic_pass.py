@@ -35,7 +35,7 @@ class Pass(NamedTuple):
 def evaluate_pass(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> Pass:
-    """Compute motion and forces with given deflections, and the deflections -force/K that they cause.
+    """Compute motion and forces with given deflections, and the caused deflections -force/K.
 
     Args:
         function: deflections (n_e) as a function of time.
@@ -85,9 +85,8 @@ def motion_with_deflections(
         guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
     else:  # a tangent step from the neighbour, whose loop equations are already factored
         linearised = neighbour.motion.linearised
-        platform_step = -robot.platform.residual(
-            linearised.frames, x
-        )  # (T, n) from the neighbour's pose to x
+        # (T, n) from the neighbour's pose to x
+        platform_step = -robot.platform.residual(linearised.frames, x)
         step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
         guess = integrate(robot, neighbour.motion.q, step)
     closed = close_loops(robot, x, guess)

@@ -115,9 +115,8 @@ def _iterate_passes(
     for passes in count(1):
         check_time()
         following = grid.fit_truncated(current.caused)  # deflections of the next pass
-        resolved_change = (
-            grid.values(following)[0] - current.q_e
-        )  # the part of the residual that a pass removes
+        # the part of the residual that the next pass removes; the rest is truncated
+        resolved_change = grid.values(following)[0] - current.q_e
         change = _relative_size(robot, resolved_change, current)
         truncation = _relative_size(robot, current.residual - resolved_change, current)
         contraction = change / last_change if np.isfinite(last_change) else GOOD_CONTRACTION

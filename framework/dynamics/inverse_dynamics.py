@@ -435,9 +435,8 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
         return False
     for order, derivative in enumerate(grid.differentiate(values), start=1):
         error = np.abs(np.asarray(law(grid.times, order)) - derivative[:, 0]).max()
-        scale = max(
-            np.abs(derivative).max(), law.duration**-order
-        )  # a mean value, if the derivative vanishes
+        # if the derivative vanishes, its scale is that of a mean value
+        scale = max(np.abs(derivative).max(), law.duration**-order)
         if not error <= WRONG_DERIVATIVE * scale:  # also for NaN
             raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
     return True

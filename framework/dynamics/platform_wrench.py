@@ -46,9 +46,13 @@ class PlatformWrench(NamedTuple):
         return np.sum(self.required * twist, axis=1)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """Compute the largest component t . G' tau (T,) of the motors' wrench along a twist t (n,) or (T, n).
+        """Compute the largest component (T,) of the motors' wrench along a twist.
 
-        It is |G t| . limits, with torque limits (n_a,) [N m].
+        It is the largest t . G' tau = |G t| . limits.
+
+        Args:
+            twist: t (n,) or (T, n).
+            torque_limit: (n_a,) [N m], motor side.
         """
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t

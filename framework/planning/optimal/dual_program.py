@@ -47,9 +47,8 @@ from framework.numerics.cone_program import (
 )
 from framework.planning.optimal.path_series import PathSeries
 
-MULTIPLIER_DEGREE = (
-    2  # of x; degree 1 would err by the width of the cells in the factor, degree 2 by its square
-)
+# of x; the error of the factor is of the order of the cells' width with degree 1, of its square with degree 2
+MULTIPLIER_DEGREE = 2
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
 HALVINGS = 2  # of each cell, for the bound of the integral of |nu|
 SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
@@ -168,7 +167,10 @@ class DualProgram:
         return SOLVER_ERROR * self.p_unit / self.series.width
 
     def solve(self, margin: Array) -> Multipliers | None:
-        """Find multipliers with factor - minorant >= margin (k,) and the best bound; None if unsolved."""
+        """Find multipliers with factor - minorant >= margin (k,) and the best bound; None if unsolved.
+
+        A positive margin covers errors of the solver and of the series, so that the bound can be proved.
+        """
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:
@@ -192,7 +194,8 @@ class DualProgram:
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
         """Return the multipliers of a solution, times their units; zero if not among the unknowns.
 
-        Multipliers that must not be negative are raised to zero, as the solver may miss it by an error.
+        Multipliers that must not be negative are raised to zero, since the solver may return slightly
+        negative ones.
         """
         count = len(self.series.width)
         x = np.reshape(self._x_coefficients @ unknowns["x"], (count, MULTIPLIER_DEGREE + 1, -1))
@@ -213,7 +216,7 @@ class DualProgram:
         """
         series = self.series
         width = series.width
-        m = series.v.error.shape[2]
+        m = series.v.error.shape[2]  # number of torques
         count = len(width) * SIZE  # number of coefficients of a function on all cells
 
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
@@ -352,9 +355,10 @@ class DualProgram:
 
     @cached_property
     def _slowness(self) -> Array:
-        """The unit (k, 2) of 1 / (s' T) near the ends of cells.
+        """The unit (k, 2) of 1 / (s' T) near the two ends of each cell.
 
-        The value of a law with s' proportional to (s (1 - s))^(1/2).
+        It is the value of a law with s' proportional to (s (1 - s))^(1/2), a quarter of the width from the
+        ends.
         """
         s = self.series.edges[:-1, None] + self.series.width[:, None] * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
@@ -368,6 +372,7 @@ class DualProgram:
         """
         count, m = len(self.series.width), self.series.v.error.shape[2]
         size = MULTIPLIER_DEGREE + 1
+        # indices of the unknowns of x_0 (k, size), and after them of the other x_i
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)
         others = continuous[-1, -1] + 1 + np.arange(count * size * (m - 1))
         columns = np.dstack([continuous, others.reshape(count, size, m - 1)]).ravel()
@@ -382,7 +387,7 @@ class DualProgram:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
-        blocks = np.einsum("jab,kam->kjbm", weights, functions)
+        blocks = np.einsum("jab,kam->kjbm", weights, functions)  # from coefficient b of x_m to j, on cell k
         return block_diag([*blocks.reshape(len(functions), SIZE, -1)], format="csr") @ self._x_coefficients
 
 
@@ -421,6 +426,7 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     enlarged by rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
+        # at this y, 2 F y^3 + w y^2 >= lambda
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
         falls = True
         while falls:
@@ -434,7 +440,8 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
 def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
     """Compute the coefficients (k, SIZE) of sum f_i x_i on each cell, and their error (k,).
 
-    The values of a function are between its least and its largest coefficient; its mean is theirs.
+    The values of a function are between its least and its largest coefficient. Its mean is the mean of its
+    coefficients.
 
     Args:
         functions: the m functions f_i.

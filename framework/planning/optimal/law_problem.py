@@ -109,6 +109,8 @@ class MotorRows(NamedTuple):
     def used_share(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
+        A ratio above 1 exceeds a limit.
+
         Args:
             y: (n,) coefficients of z.
             allowed: (n_a,) torques [N m].
@@ -118,7 +120,7 @@ class MotorRows(NamedTuple):
         return np.asarray(np.max(shares, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Stack rows upon the rows of another."""
+        """Return the rows, with the rows of `other` below."""
         torques = zip(self.torque, other.torque, strict=True)
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
@@ -138,6 +140,10 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
     of c; damping is linearised.
+
+    Args:
+        basis: the functions of xi whose combination is z.
+        conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
     """
     if problem.response is not None:
         return _rows_of_response(problem.response, problem.specification, basis, xi)
@@ -189,11 +195,16 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 
     A multiple of the conditions C is subtracted, which vanishes for laws that meet them. T - share C with
     share = T C' (C C')^-1 is orthogonal to C, the direction of the pole.
+
+    Args:
+        torque: torques of one motor [N m] at xi (M,), affine in the coefficients of z.
+        conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
         C = conditions.matrix[chosen]
         products = (torque.matrix @ C.T).toarray()  # (M, k)
+        # least squares, as conditions may depend on each other
         share = np.linalg.lstsq((C @ C.T).toarray(), products.T, rcond=None)[0].T
         is_beside = np.abs(xi - crossing) < POLE_WIDTH
         share = is_beside[:, None] * share
@@ -205,9 +216,9 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on the coefficients of z.
 
-    They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is in xi:
-    dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces the first
-    rows, condition (8) of the undeformed robot, by those of the loaded robot.
+    The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
+    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
+    the first rows, condition (8) of the undeformed robot, by those of the loaded robot.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))

@@ -40,10 +40,8 @@ from framework.planning.condition import CrossingPoint, bounds_of_terms, remove_
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
-HALF_WIDTH, NODES = (
-    0.02,
-    13,
-)  # half width in sigma, and nodes, of the panel on which conditions are differentiated
+# half width in sigma, and nodes, of the panel on which conditions are differentiated
+HALF_WIDTH, NODES = 0.02, 13
 
 
 class SquaredSpeed(Protocol):
@@ -100,11 +98,13 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
         torque = motor_torque(robot, probes, balanced.joint_torque)
         return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, probes, sigma, s, None)
+    forces = _linearised_forces(branch, probes, sigma, s, z0=None)  # without damping
     torque = motor_torques(forces)
     damping = np.zeros_like(torque.constant)
     rates = _rates_per_root_z(probes)
-    if robot.is_damped:  # the torques are linear in the forces: damping adds this difference times sqrt(z)
+    # torques are linear in forces: their change by damping forces at sqrt(z) = 1 is the coefficient of
+    # sqrt(z)
+    if robot.is_damped:
         forces[0] += robot.joint_damping * rates
         damping = motor_torques(forces).constant - torque.constant
     speed = rates[:, robot.actuated] * robot.gear_ratio
@@ -112,7 +112,7 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
 
 
 def _rates_per_root_z(probes: Motion) -> Array:
-    """Return the joint rates (M, nv) of the second third of `_probe_motions`, at z = 1."""
+    """Return the joint rates (M, nv) at z = 1, the second third of `_probe_motions`."""
     return np.split(probes.v, 3)[1]
 
 
@@ -174,15 +174,19 @@ def crossing_rows(
 
 
 def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
-    """Compute the conditions (k, 4) of all uncontrolled motions; arguments as for `crossing_rows`.
+    """Compute the conditions (k, 4) per (1, z, u, u') of all uncontrolled motions at a crossing.
 
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
     (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
     about the crossing. Null vectors of the bordered system are smooth there, and so are the conditions.
+
+    Args:
+        phi: the map from sigma to s.
+        z0: the squared speed about which damping is linearised, if any.
     """
     sigma = float(phi.inverse(crossing.s))
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
-    points = np.append(sigma + half_width * nodes(NODES), sigma)
+    points = np.append(sigma + half_width * nodes(NODES), sigma)  # the crossing is the last one
     values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
     rows = np.pad(values[-1], ((0, 0), (0, 1)))  # (corank, 4), zero per u'
     if crossing.corank > 1:
@@ -190,10 +194,11 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: Sq
         rows = _independent_rows(rows, size)
 
     if crossing.touches:
-        series = coefficients(values[:-1].reshape(NODES, -1))
+        series = coefficients(values[:-1].reshape(NODES, -1))  # of (c0, cz, cu) on the panel
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half_width
         slopes[:, 2] += 2.0 * rows[:, 1]  # cu' + 2 cz
-        rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
+        derivative_rows = np.column_stack([slopes, rows[:, 2]])  # with cu per u'
+        rows = np.concatenate([rows, derivative_rows])
         size = np.concatenate([size, size / half_width])
     return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
 
@@ -207,7 +212,10 @@ def _conditions_at_points(
     rounding.
 
     Args:
+        phi: the map from sigma to s.
         sigma: parameters (M,) of the points, the last one that of the singular pose.
+        corank: number of uncontrolled motions.
+        z0: the squared speed about which damping is linearised, if any.
     """
     robot = branch.robot
     s = phi(sigma)
@@ -228,7 +236,8 @@ def _independent_rows(rows: Array, size: float) -> Array:
     Two motions of a symmetric robot may require the same condition.
 
     Args:
-        size: scale of the rows.
+        rows: conditions of all uncontrolled motions.
+        size: largest sum of sizes of the terms of a row; singular values far below it are rounding.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
@@ -241,9 +250,13 @@ def _wrench_row(
     crossing: CrossingPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
-    """Compute t_s . W_p (3,) at a crossing per (1, z, u); arguments as for `crossing_rows`.
+    """Compute t_s . W_p (3,) at a crossing per (1, z, u).
 
     Coefficients that are only rounding of their terms are set to zero.
+
+    Args:
+        phi: the map from sigma to s.
+        z0: the squared speed about which damping is linearised, if any.
     """
     robot = branch.robot
     s = np.array([crossing.s])

@@ -34,11 +34,12 @@ def check_rest(
     """
     t = np.linspace(0.0, duration, END_SAMPLES)
     _, *rates = deflections(t)
+    # accelerations may be missing
     for quantity, values in zip(("rate", "acceleration"), rates, strict=False):
-        values = np.abs(values) / robot.column_scale[robot.elastic]  # (T, n_e)
-        largest = values.max(axis=0)
-        counted = largest > NEGLIGIBLE_RATE * largest.max()
-        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        sizes = np.abs(values) / robot.column_scale[robot.elastic]  # (T, n_e)
+        largest = sizes.max(axis=0)  # (n_e,)
+        is_checked = largest > NEGLIGIBLE_RATE * largest.max()
+        at_ends = (sizes[[0, -1]][:, is_checked] / largest[is_checked]).max(initial=0.0)
         if at_ends > MAX_END_RATE:
             raise NotConverged(
                 f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "

@@ -88,11 +88,13 @@ def adapt_found_law(
     excess: float = 1.0,
     share: float | None = None,
 ) -> Best:
-    """Find a smooth law near the best, with tighter limits or a larger cost; see `adapt_law`.
+    """Find a smooth law near the best, with tighter limits or a larger cost.
 
     Args:
-        excess: largest torque or speed of the best law's motion over its limit.
-        share: of the least cost, by which a smooth law may exceed it.
+        points: where condition (8) must hold.
+        best: a law that exceeds limits, or that is not smooth enough.
+        excess: largest torque or speed of the best law's motion over its limit; limits are divided by it.
+        share: share of the least cost by which the cost of a smooth law may exceed it.
 
     Raises:
         NotConverged: no such law was found.
@@ -112,7 +114,12 @@ def adapt_found_law(
 def problem_of(
     task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
 ) -> LawProblem:
-    """Return the problem of a task, without damping; see `conditions_at`."""
+    """Return the problem of a task, without damping.
+
+    Args:
+        points: where condition (8) must hold.
+        speed_places: s of the required speeds; by default the points.
+    """
     return LawProblem(task, *conditions_at(task, points, None, speed_places))
 
 
@@ -122,7 +129,7 @@ def solve_problem(
     """Find the best law of a problem.
 
     Args:
-        share: of the least cost, by which a smooth law may exceed it.
+        share: share of the least cost by which the cost of a smooth law may exceed it.
         similar: the law of a similar problem; the search resumes from it if z has the same basis.
 
     Raises:
@@ -318,7 +325,7 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     task = problem.task
     limit = problem.specification.torque_limit
     holding = np.abs(demand(task.branch, task.phi, np.array([0.0, 1.0])).torque.constant)  # (2, n_a)
-    overloaded = np.argwhere(holding > limit)
+    overloaded = np.argwhere(holding > limit)  # rows (end, motor)
     if not len(overloaded):
         return None
     end, motor = overloaded[0]  # end: 0 for s = 0, 1 for s = 1
