@@ -104,6 +104,11 @@ class LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
         Columns of the series smaller than their median are scaled by the median.
+
+        Args:
+            by_series: sparse (T n_e, C) derivatives of F by the series; its entries are scaled in place.
+            by_scalars: (T n_e, k) derivatives of F by the scalars of the law.
+            rest: (rows, C + k) derivatives of the terms that vanish at rest.
         """
         series_sizes = column_sizes(by_series)
         series_sizes = np.maximum(series_sizes, np.median(series_sizes))
@@ -233,7 +238,13 @@ class BalanceEquations:
         clock: Clock,
         motion: tuple[list[Array], Array, Array],
     ) -> SampledMotion:
-        """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2."""
+        """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2.
+
+        Args:
+            splines: the splines of the deflections.
+            series: (size, n_e) their coefficients, in units of the springs.
+            clock: the law with its parameter p.
+        """
         s, rate, acceleration = motion
         bases = _time_bases(splines.nodes.bases, rate, acceleration)
         deflections = [splines.combine(basis, series) * self.units for basis in bases]
@@ -324,6 +335,9 @@ def _time_bases(bases: Array, rate: Array, acceleration: Array) -> Array:
     """Convert values and derivatives by p (3, T, k) into time derivatives.
 
     The rates dp/dt and accelerations d2p/dt2 are (T,).
+
+    Args:
+        bases: values and first and second derivatives by p of the k splines that are not zero.
     """
     value, slope, bend = bases
     rate, acceleration = rate[:, None], acceleration[:, None]

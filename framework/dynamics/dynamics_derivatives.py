@@ -52,7 +52,7 @@ class DynamicsDerivatives(ReadOnlyArrays):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names of the p inertial parameters of all bodies, see `body_parameters`."""
+        """The names of the p inertial parameters of all bodies, such as LINK.mass."""
         return body_parameters(self._robot)[0]
 
     @cached_property

@@ -106,7 +106,7 @@ def _iterate_passes(
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
     Args:
-        choose_law: as for `solve_deflections`: returns the law of a pass.
+        choose_law: function of the deflections and of the last pass's law that returns the law of a pass.
         tolerance: relative change of deflections that counts as settled.
         current: the first pass.
     """
@@ -157,7 +157,11 @@ def assess_deflections(
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
-    """Return the deflections caused by forces of the undeformed robot, and the deflected motion."""
+    """Return the deflections caused by forces of the undeformed robot, and the deflected motion.
+
+    Args:
+        current: the pass with springs at rest.
+    """
     deflections = grid.fit(current.caused)
     motion = current.motion
     if branch.robot.n_e:
@@ -166,7 +170,11 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
-    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
+    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`.
+
+    Args:
+        current: the pass with springs at rest, whose forces cause the deflections.
+    """
     size = np.abs(current.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return

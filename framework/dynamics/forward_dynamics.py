@@ -85,6 +85,7 @@ def forward_dynamics(
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = np.zeros((count, robot.nv))
+    # the motion without accelerations, under the external wrenches
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
     unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
@@ -177,10 +178,11 @@ def forward_derivatives(
         tuple(wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
     )
     x, dx, ddx = platform_rates_of(robot, motion)
-    others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
+    # steps of x, then of the coordinates that the platform does not determine
+    others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
     force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-    d = robot.n + robot.n_e
+    d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints
     slopes = _acceleration_slopes(robot, changes, force_change, d)
     motor_slopes = _motor_slopes(robot, changes, slopes, d)
     fields = (  # in the order of ForwardDerivatives, for all T states

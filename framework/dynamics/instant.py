@@ -117,7 +117,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """The platform's twist v (n,), see `kinematics.platform`.
+        """The platform's twist v (n,) [m/s, rad/s]: on its axes.
 
         For a platform with several axes of rotation the twist is not dx/dt.
         """
@@ -176,7 +176,7 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
         motion: T instants; its arrays become read-only.
         r: (T, nv) forces of the open tree [N m or N]; becomes read-only.
         forces: forces of motors and springs, in balance with r.
-        entry: index of the instants in the stack, see `entry_of`.
+        entry: index of the results: 0 for one configuration, all for a stack.
     """
     freeze((motion, r))
     return Instant(
@@ -306,6 +306,9 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
     A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
     closure's unit wrenches times their multipliers.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
     wrenches = {}
@@ -323,6 +326,9 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
 
     The torque on the second joint is minus the ratio times this torque.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     rows = np.flatnonzero(robot.rows.coupled)
     # largest component of a null-space vector at each coupling (T, couplings)
@@ -337,6 +343,9 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
 
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
     open tree, less the loop wrenches and external wrenches on all bodies that the joint carries.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins

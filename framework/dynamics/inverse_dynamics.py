@@ -100,7 +100,7 @@ def inverse_dynamics(
             elastic robots.
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
-        wrenches: external wrenches by URDF link or joint, see `plan_crossing`.
+        wrenches: external wrenches along the path by URDF link or joint, in the forms of `plan_crossing`.
 
     Raises:
         InvalidInput: geometry, friction or a frame is unknown; the law leaves [0, 1] or is not finite; the
@@ -342,14 +342,19 @@ class _Refinement:
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
         time.
+
+        Args:
+            solution: motion, forces and deflections on the nodes of the grid.
         """
         branch, grid, motion = self.searched.branch, solution.grid, solution.motion
         robot = branch.robot
         torques = grid.fit(motor_torque(robot, motion, solution.forces.joint_torque))
-        q, s = motion.q, solution.law(grid.times)
+        q = motion.q
+        s = solution.law(grid.times)
         if not branch.is_continued(s).any():  # continued configurations already spin smoothly
             q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
         offsets = difference(robot, branch.origin, q)
+        # (T, nv) coordinates of all joints, counted from the neutral configuration
         joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
         certificate = Certificate(
             nodes=len(grid.times),
@@ -444,7 +449,7 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     """Compute the tail of a function of k components, without components below `rounding` (k,)."""
-    size = np.abs(function.coefficients).max(axis=(0, 1))  # coefficients: (panels, nodes, k)
+    size = np.abs(function.coefficients).max(axis=(0, 1))  # (k,) from (panels, nodes, k)
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 

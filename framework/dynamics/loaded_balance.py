@@ -152,6 +152,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     """Compute derivatives (T, f, orders n_e) of r + K l - J' lambda by deflections, in spring units.
 
     Args:
+        balance: the balance at which derivatives are taken.
         orders: 1 for deflections alone; 3 for deflections, their rates and their accelerations.
     """
     columns, units = locked_columns(robot)
@@ -180,6 +181,9 @@ def motion_and_load(
     """Compute the motion of all joints in closed loops, and the load r + K l (T, nv).
 
     Args:
+        prescribed: rates of platform and deflections, and the deflections l.
+        closed: configurations with these deflections.
+        wrenches: external wrenches along the path.
         stiffer: factor of the robot's spring stiffness.
     """
     rates = (prescribed.dl, prescribed.ddl) if robot.elastic_inertia else ()

@@ -126,7 +126,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     is too short to be halved.
 
     Args:
-        wrench: external wrench (n,) ON the platform, see `platform_stiffness`.
+        wrench: external wrench (n,) [N, N m] ON the platform, on its axes; None for weight alone.
 
     Raises:
         InvalidInput: the robot has no springs, or the wrench has no potential.
@@ -166,7 +166,11 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
-    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue."""
+    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue.
+
+    Args:
+        ends: the ends of the steps, accepted or not.
+    """
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
     reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
@@ -219,6 +223,11 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     A step ends at the whole load if that is nearer. If the corrected share exceeds 1, the next step leads
     back to 1. A step is straight, without a fold, if the gain of the share agrees with the mean of the slopes
     at both ends, times the length of the step. The slope is that of the share along the tangent.
+
+    Args:
+        start: the points at which the steps begin.
+        load: the load on these configurations.
+        step: largest entry of each step.
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)

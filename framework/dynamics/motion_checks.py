@@ -198,6 +198,9 @@ def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> N
     """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
 
     At the reference such an equation follows from the others. It may not do so elsewhere.
+
+    Args:
+        solution: motion on the nodes of the grid.
     """
     dropped = robot.structure.dropped
     if not len(dropped):
@@ -224,8 +227,8 @@ def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> N
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
     """Compute the generalised forces (T, nv) missing for balance.
 
-    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see this file's
-    docstring). Elastic columns are zero.
+    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see the
+    header). Elastic columns are zero.
 
     Args:
         torque: motor torques (T, n_a), joint side.
@@ -303,9 +306,13 @@ def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
 
 
 def unsettled_error(robot: ParallelRobot, solution: DeflectionSolution) -> NotConverged:
-    """Return the error for deflections that did not converge, with the largest deflection."""
-    size = np.abs(solution.caused / spring_scale(robot))  # (T, n_e)
-    instant, k = np.unravel_index(np.argmax(size), size.shape)
+    """Return the error for deflections that did not converge, with the largest deflection.
+
+    Args:
+        solution: the solution on the last grid.
+    """
+    size = np.abs(solution.caused / spring_scale(robot))  # (T, n_e) [rad, robot lengths]
+    instant, k = np.unravel_index(np.argmax(size), size.shape)  # of the largest one
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "

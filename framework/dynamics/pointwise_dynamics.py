@@ -87,6 +87,7 @@ def dynamics_at(
     motion = prescribed.motion
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
+    # replace the torques at Type 2, where the equations are singular, by their limits
     for k in map(int, find_near_type2(robot, motion.linearised)):
         if dddx is None:
             raise type2_pose(

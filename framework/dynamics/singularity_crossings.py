@@ -96,6 +96,9 @@ def rigid_crossings(
 ) -> tuple[SingularityCrossing, ...]:
     """Find all instants at which the undeformed robot passes a singular point.
 
+    Args:
+        points: the singular points of the path.
+
     Raises:
         NoLaw: the motion stands still on a singular point, or no law can cross it.
     """

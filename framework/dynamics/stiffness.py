@@ -141,6 +141,9 @@ def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
 
     For motors that turn freely see `free_motor_frequency`.
+
+    Args:
+        free: the motions that springs and loops allow, with their stiffness and mass.
     """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
@@ -199,6 +202,7 @@ def platform_stiffness(
     if loaded:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
 
+    # modes in the motions Z, then as rates of all joints
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
     modes[:, moving_columns(robot)] = shapes @ free.Z[0].T
@@ -314,10 +318,11 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     # shapes of unit mass, so that the generalised problem becomes an ordinary one
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
-    massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) of unit mass
+    massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) motions of unit mass
     massless = vectors[:, ~has_mass]
     if massless.shape[1] and massive.shape[1]:  # massless motions y follow with the least energy
-        y, *_ = np.linalg.lstsq(massless.T @ H @ massless, massless.T @ H @ massive, rcond=None)
+        coupling = massless.T @ H @ massive
+        y, *_ = np.linalg.lstsq(massless.T @ H @ massless, coupling, rcond=None)
         massive -= massless @ y
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)

@@ -78,6 +78,9 @@ def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> Equilibr
     With the Jacobian J of the loop equations and the QR factorisation J' = Q R, the shortest step that closes
     the loops is -Q R'^-1 residual. The energy slope after this step is that at q, plus the tangent stiffness
     between Z and the step.
+
+    Args:
+        load: weight and wrench on each configuration, with the share of both that acts.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]

@@ -55,7 +55,11 @@ class TorqueResponse(NamedTuple):
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
-    """Linearise torques in the coefficients of an optimal law, about a motion in balance."""
+    """Linearise torques in the coefficients of an optimal law, about a motion in balance.
+
+    Args:
+        solution: deflections in balance under the law, with the equations that they solve.
+    """
     equations, state = solution.equations, solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
@@ -120,6 +124,10 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Co
     """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
 
     The four (z, u) are those of `_split_terms`.
+
+    Args:
+        equations: the equations of balance.
+        state: the state whose configurations and deflections are kept.
     """
     robot = equations.branch.robot
     balance = state.balance
@@ -170,6 +178,9 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
     """Compute slopes (T, n_a, n_e) of torques by deflections, their rates and their accelerations.
 
     Deflections are in the units of the springs.
+
+    Args:
+        balance: the balance about which torques are linearised.
     """
     motion = _motion_with_spring_rates(robot, balance, balance.prescribed)
     changes = coordinate_changes(robot, motion, robot.elastic)
@@ -205,6 +216,7 @@ def _balance_motors(
     Q, R, _ = factor_transposed(constraint_rows(robot, linearised))
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
     J_a = linearised.closures[:, :, robot.actuated] * loop_weights(robot)[:, None]  # (T, m, n_a)
-    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ multipliers[:, : J_a.shape[1]]
+    loop_multipliers = multipliers[:, : J_a.shape[1]]  # without those of redundant motors
+    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ loop_multipliers
     gear = robot.gear_ratio[:, None]
     return joint_torque / gear + robot.rotor_inertia[:, None] * gear * accelerations

@@ -148,6 +148,7 @@ def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[
         """Compute the derivative of order m of f^(k)(g(t)) by t."""
         if m == 0:
             return outer[k]
+        # inner[j - 1] is the derivative of g of order j
         terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
         return np.sum(terms, axis=0)
 
@@ -240,6 +241,11 @@ class Law(ReadOnlyArrays, PlannedLaw):
         2 (smoothness + 1) + len(inner) - 1. With the three conditions of one crossing it is 8 for a rigid
         robot (smoothness 2) and 12 for an elastic one (smoothness 4), as in Briot and Arakelian 2010,
         Eqs. (19)-(31).
+
+        Args:
+            duration: [s].
+            smoothness: order of the highest derivative of s that vanishes at both ends.
+            inner: conditions at instants between the ends.
         """
         check_duration(duration)
         rest = [0.0] * smoothness  # the derivatives at an end

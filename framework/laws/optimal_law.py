@@ -373,7 +373,8 @@ class OnParameter:
         phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma
         dxi = self.law.stretch(sigma, 1)
         ddxi = self.law.stretch(sigma, 2)
-        return [phi, dphi * speed, ddphi * z + dphi * u], dxi * speed, ddxi * z + dxi * u
+        s_rates = [phi, dphi * speed, ddphi * z + dphi * u]
+        return s_rates, dxi * speed, ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

@@ -138,7 +138,8 @@ class Line(PointPath):
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
-        return np.tile(direction if order == 1 else 0.0 * direction, (len(s), 1))
+        derivative = direction if order == 1 else 0.0 * direction
+        return np.tile(derivative, (len(s), 1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -443,7 +444,11 @@ class _LargestChange(NamedTuple):
 
 
 def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
-    """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most."""
+    """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most.
+
+    Args:
+        order: 1 or 2, the order of the derivative.
+    """
     values = _evaluate_path(path, s, order)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)
     k = changes.argmax()

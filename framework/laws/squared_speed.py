@@ -208,6 +208,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     Args:
         cells: edges (k + 1,) of cells in xi.
         z_series: Chebyshev coefficients (k, size) of z on each cell.
+        stretch: the map from sigma to xi.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.

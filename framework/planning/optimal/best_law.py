@@ -129,6 +129,11 @@ def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> B
     """Find the law of least peak torque after another goal failed.
 
     The failure is returned if this law is not found, or is not within the limits.
+
+    Args:
+        problem: the problem whose goal failed.
+        failure: the failed search.
+        share: share of the least cost by which the smooth law may exceed it.
     """
     if not problem.specification.limited:
         return failure
@@ -188,6 +193,10 @@ def _search_smooth(
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     """Make the law of a speed, adjusted to the required duration, if any.
+
+    Args:
+        search: the search that found the speed.
+        speed: squared speed of the law, with its cost.
 
     Raises:
         InvalidInput: the speed comes too near to zero.

@@ -128,6 +128,7 @@ class DualProgram:
         least the mean of its values at both ends.
 
         Args:
+            multipliers: multipliers on the cells.
             least_factor: (k, 2) values of the line at both ends of each cell.
         """
         damping, damping_error = _sum_products(self.series.damping, multipliers.x)
@@ -148,6 +149,9 @@ class DualProgram:
         """Bound factor - minorant from below on each cell (k,).
 
         All terms of factor = nu . cz - p' + mu . k get SIZE coefficients, the least of which is a bound.
+
+        Args:
+            multipliers: multipliers on the cells, with the minorant.
         """
         series = self.series
         x, mu, minorant, _ = multipliers
@@ -213,6 +217,9 @@ class DualProgram:
 
         The bound of a peak is divided by the integral of |nu|_1, which is therefore limited to 1. In a bound
         of the duration this integral is part of the cost.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         series = self.series
         width = series.width
@@ -249,6 +256,9 @@ class DualProgram:
         k(s) z <= 1 are the squared speeds over their limits. mu is constant on each cell; its unknowns are
         ordered by motor, then by cell. Rows of the factor are multiplied by the width of their cell, and so
         is mu . k.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients  # of k(s), (cells, DEGREE + 1, n)
@@ -267,6 +277,9 @@ class DualProgram:
         The unknowns drag, omega, phi and loss are not negative and constant on cells. They bound the term by
         nu . d >= drag - omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) is at
         least -omega^2 / (4 phi), which is at least -loss. `_add_duration` uses drag.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         count = len(width)
@@ -291,6 +304,9 @@ class DualProgram:
         At both ends of each cell slow <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is at most the least
         of minorant z + lambda z^(-1/2). Two cones say so: slow^2 <= root lambda and root^2 <= 2 minorant
         slow.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width[:, None]
         count = 2 * len(width)
@@ -317,6 +333,9 @@ class DualProgram:
 
         Each cell spends a share of lambda on drag. `dragged` is part of the bound: it is at most
         2 (drag share)^(1/2), the least of drag z^(1/2) + share z^(-1/2).
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")

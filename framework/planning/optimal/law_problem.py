@@ -30,11 +30,11 @@ class LawProblem(NamedTuple):
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     z0: the squared speed about which damping is linearised; None leaves damping out.
-    sampled: the demand along the path as series, if these resolve it.
+    sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
-    degree: of z as one Chebyshev series, as smooth as deflections need it; None for splines.
+    degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
     max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
-    response: of the torques of an elastic robot to the law, in place of the rigid robot's torques.
+    response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
     """
 
     task: Task
@@ -106,7 +106,7 @@ class MotorRows(NamedTuple):
         torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
-    def used_share(self, y: Array, allowed: Array) -> Array:
+    def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
         A ratio above 1 exceeds a limit.
@@ -115,9 +115,9 @@ class MotorRows(NamedTuple):
             y: (n,) coefficients of z.
             allowed: (n_a,) torques [N m].
         """
-        shares = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
-        shares += [rows @ y for rows in self.squared_speed]
-        return np.asarray(np.max(shares, axis=0))
+        ratios = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
+        ratios += [rows @ y for rows in self.squared_speed]
+        return np.asarray(np.max(ratios, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
         """Return the rows, with the rows of `other` below."""
@@ -166,6 +166,10 @@ def _rows_of_response(
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
     With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
+
+    Args:
+        response: the torques linearised about a motion in balance.
+        basis: the functions of xi whose combination is z.
     """
     speed = response.speed(xi)
     torque = response.torque(xi)

@@ -202,6 +202,8 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
     """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
 
     Args:
+        goal: goal of the program.
+        speed: the optimum, with its costs.
         units: returned if the speed has no finite duration.
     """
     time = speed.value if np.isfinite(speed.value) else speed.duration
@@ -222,15 +224,19 @@ def _first_units(program: SpeedProgram) -> Units:
     """
     problem = program.problem
     specification = problem.specification
+    # time of a law that meets condition (8)
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
     time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
+
+    # inertia: torque over the reference per z, of the motor that needs most
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:
         rows_per_z = [inertia, *map(_median_largest, program.rows.squared_speed)]  # of limits, in s^2
         time = float(np.sqrt(max(rows_per_z))) or 1.0
+
     if specification.limited:
         return Units(time, 1.0)
     weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
@@ -248,6 +254,10 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     The bend of a coefficient is its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not
     zero between the knots i and i + p + 1. Under a low coefficient all these cells are cut. Under a bend,
     only the inner cells of the middle spline are cut, without two at either end.
+
+    Args:
+        program: the program on the present cells.
+        y: (n,) coefficients of its solution.
     """
     basis = program.basis
     if not basis.is_spline:

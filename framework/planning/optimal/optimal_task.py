@@ -112,6 +112,9 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
 
     Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
     determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
+
+    Args:
+        points: the points of the path where condition (8) must hold.
     """
     if task.robot.is_damped:
         return

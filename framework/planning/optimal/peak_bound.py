@@ -170,6 +170,9 @@ def _has_bound(task: Task, reference: Array) -> bool:
     """Return whether bounds of a task are known.
 
     They are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
+
+    Args:
+        reference: torques (n_a,) [N m]; infinite for motors that do not count.
     """
     robot = task.robot
     if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
@@ -182,6 +185,9 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
     A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive
     on it. Each cell then gets at least as many parts as its neighbours.
+
+    Args:
+        evidence: the bound that the multipliers prove, with its faults on each cell.
     """
     from scipy.ndimage import maximum_filter1d  # slow to import, and few plans ask for bounds
 

@@ -117,7 +117,12 @@ def _rates_per_root_z(probes: Motion) -> Array:
 
 
 def _motor_direction(branch: Branch, s: Array, probes: Motion) -> Array | None:
-    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction."""
+    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction.
+
+    Args:
+        s: (M,) path coordinates.
+        probes: (3 M,) motions, of which the first M give the poses.
+    """
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
@@ -137,6 +142,7 @@ def _linearised_forces(
     speed z0; None leaves damping out.
 
     Args:
+        probes: (3 M,) motions of the joints.
         sigma, s: parameters (M,) of the points, s = phi(sigma).
     """
     robot = branch.robot
@@ -187,11 +193,11 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: Sq
     sigma = float(phi.inverse(crossing.s))
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
     points = np.append(sigma + half_width * nodes(NODES), sigma)  # the crossing is the last one
-    values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
+    values, scale = _conditions_at_points(branch, phi, points, crossing.corank, z0)
     rows = np.pad(values[-1], ((0, 0), (0, 1)))  # (corank, 4), zero per u'
     if crossing.corank > 1:
-        size = size.max()
-        rows = _independent_rows(rows, size)
+        scale = scale.max()
+        rows = _independent_rows(rows, scale)
 
     if crossing.touches:
         series = coefficients(values[:-1].reshape(NODES, -1))  # of (c0, cz, cu) on the panel
@@ -199,8 +205,8 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: Sq
         slopes[:, 2] += 2.0 * rows[:, 1]  # cu' + 2 cz
         derivative_rows = np.column_stack([slopes, rows[:, 2]])  # with cu per u'
         rows = np.concatenate([rows, derivative_rows])
-        size = np.concatenate([size, size / half_width])
-    return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
+        scale = np.concatenate([scale, scale / half_width])  # a derivative is a change over the half width
+    return np.where(np.abs(rows) > CONDITION_ROUNDING * scale, rows, 0.0)
 
 
 def _conditions_at_points(
@@ -267,8 +273,8 @@ def _wrench_row(
     probes = _probe_motions(branch, phi, sigma, closed)
     terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
     bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
-    size = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return remove_rounding(terms.sum(axis=1), size, 2)
+    scale = np.maximum(np.abs(terms).sum(axis=1), bounds)
+    return remove_rounding(terms.sum(axis=1), scale, alpha=2)  # the coefficient of u, and so of s"
 
 
 def _bound_wrench_terms(
@@ -280,10 +286,12 @@ def _bound_wrench_terms(
     s" = phi' u + phi" z.
 
     Args:
+        crossing: the crossing, with t_s.
+        sigma: its parameter.
         rates: joint rates (nv,) at z = 1.
     """
     dphi, ddphi = (float(phi(sigma, order)) for order in (1, 2))
-    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi
+    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi  # largest joint rate per s'
     alpha, beta, gamma, _ = bounds_of_terms(branch, crossing, rate)
     return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
 

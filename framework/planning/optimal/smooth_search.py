@@ -139,6 +139,7 @@ class SmoothSearch(NamedTuple):
         than ten times that of a similar law are left out, since they had no solution.
 
         Args:
+            bounds: bounds of duration, peak and energy.
             goal: of `SpeedProgram.minimise`.
             similar: the speed of a similar law, with its floor.
         """
@@ -166,6 +167,11 @@ class SmoothSearch(NamedTuple):
 
         A law that stands still between the points is blended with a quick law, so that its z is at least
         LIFTED_SHARE of the quick law's.
+
+        Args:
+            quick: a quick law, whose z is positive everywhere.
+            goal: goal of `SpeedProgram.minimise`.
+            bounds: bounds of duration, peak and energy.
         """
         slow = self.program.minimise(goal, bounds, self.units, **options)
         if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
@@ -184,6 +190,7 @@ class SmoothSearch(NamedTuple):
 
         Args:
             quick: a law that is too quick.
+            bounds: bounds of duration, peak and energy.
             floor: lower bound of z [1/s^2].
         """
         sigma = self._positive_sigma
@@ -202,6 +209,7 @@ class SmoothSearch(NamedTuple):
 
         Args:
             quick: a law that is too quick.
+            bounds: bounds of duration, peak and energy.
             floor: lower bound of z [1/s^2].
         """
         weights = np.ones(self.program.z.shape[0])
@@ -235,6 +243,7 @@ class SmoothSearch(NamedTuple):
         Args:
             goal: "curvature" or "energy".
             quick: a quicker law; a solution that is too slow is blended with it to the duration.
+            bounds: bounds of duration, peak and energy.
             floor: lower bound of z [1/s^2].
             duration: by default that of the law.
         """
@@ -284,6 +293,11 @@ class SmoothSearch(NamedTuple):
         """Lower the energy of a law step by step, as long as the gain is worth a step.
 
         The energy of the quick law is the least of all, also of laws that take longer.
+
+        Args:
+            law: a law of the required duration.
+            quick: the law of least energy, which is quicker.
+            floor: lower bound of z [1/s^2].
         """
         limits = Bounds(share=self.bounds.share)
         for _ in range(MAX_ENERGY_STEPS):
@@ -297,7 +311,12 @@ class SmoothSearch(NamedTuple):
         return law
 
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
-        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak."""
+        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak.
+
+        Args:
+            quick: the law of least energy, which is quicker.
+            floor: lower bound of z [1/s^2].
+        """
         limits = Bounds(share=self.bounds.share)
         for width in WAITING_WIDTHS:
             laws = []
@@ -328,6 +347,9 @@ class SmoothSearch(NamedTuple):
 
         The cost of holding is the sum of (torque at rest over the reference)^2. Inside the path, its local
         minima are candidates.
+
+        Args:
+            width: width of the intervals, in sigma.
         """
         sigma = self._positive_sigma
         cost = self._holding_cost(sigma)
@@ -389,7 +411,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
         allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
 
     # intervals with a large ratio to a limit at one of their ends; the first rows are those of the points
-    ratio_at_points = program.rows.used_share(speed.y, allowed)[: len(program.xi)]
+    ratio_at_points = program.rows.largest_limit_ratio(speed.y, allowed)[: len(program.xi)]
     intervals = np.flatnonzero(np.maximum(ratio_at_points[1:], ratio_at_points[:-1]) > NEARLY_REACHED)
     if not len(intervals):
         return np.empty(0)
@@ -401,7 +423,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     distance = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
     xi = xi[distance > SAME_PLACE]
     rows = motor_rows(problem, program.basis, program.conditions, xi)
-    ratio = rows.used_share(speed.y, allowed)
+    ratio = rows.largest_limit_ratio(speed.y, allowed)
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
     padded = np.pad(ratio, 1, constant_values=-np.inf)

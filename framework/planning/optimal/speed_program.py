@@ -158,7 +158,7 @@ class SpeedProgram:
         """Compute rows (P, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
 
         A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
-        All rows are divided by their root mean square, which brings the integral near 1.
+        All rows are divided by their root mean square, so that the cost is near 1, as the solver needs it.
         """
         stretch = self.problem.task.stretch
         inside = self._inner_points
@@ -166,6 +166,7 @@ class SpeedProgram:
         z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
         curvature = diags_array(stretch(sigma, 1) ** 2) @ z_xi_xi + diags_array(stretch(sigma, 2)) @ z_xi
         rows = diags_array(np.sqrt(self._inner_weights)) @ curvature
+        # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
         return linear_rows(y=rows / size)
 
@@ -192,8 +193,10 @@ class SpeedProgram:
             value: the least duration [s] by the quadrature of the program; NaN for other goals.
         """
         fine_z, fine_weights = self.fine_quadrature
-        z = fine_z @ y
+        z = fine_z @ y  # (F,)
         duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
+
+        # energy, with z > 0 also where the solver missed it by rounding; peaks at all rows
         torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
@@ -272,6 +275,10 @@ class SpeedProgram:
         """Return the number of unknowns of each name.
 
         Each point has an r, a v if the duration counts, and an e if the energy counts.
+
+        Args:
+            timed: whether the duration counts.
+            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
@@ -284,7 +291,12 @@ class SpeedProgram:
         return sizes
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
-        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic."""
+        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
+
+        Args:
+            goal: goal of `minimise`.
+            weights: (P,) at the points with a weight, for the goal "slowness".
+        """
         match goal:
             case "time":
                 return {"v": self._inner_weights}
@@ -298,7 +310,12 @@ class SpeedProgram:
         return {"peak": np.ones(1)}
 
     def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return the bounds less the integrals of v and e, as rows that may not be negative."""
+        """Return the bounds less the integrals of v and e, as rows that may not be negative.
+
+        Args:
+            bounds: bounds of duration and energy.
+            units: units of the program.
+        """
         weights = csr_array(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
@@ -367,6 +384,11 @@ class SpeedProgram:
 
         Every law needs the torque that holds the robot at an end. Where a share of the limit is less than
         that, the holding torque is allowed, up to the limit itself.
+
+        Args:
+            goal: goal of `minimise`.
+            bounds: the bound of the peak, and the share of the limits that may be used.
+            units: units of the program.
         """
         largest = np.inf if bounds.peak is None else bounds.peak / units.torque
         limit = self.problem.specification.torque_limit[motor]
@@ -383,6 +405,7 @@ class SpeedProgram:
         z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
 
         Args:
+            units: units of the program.
             timed: whether the duration counts.
             powered: whether the energy counts.
         """

@@ -57,6 +57,9 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
 
     Damping is linearised about the previous law, until the error of the linearisation is small.
 
+    Args:
+        points: the points of the path where condition (8) must hold.
+
     Raises:
         As `find_undeformed_law`.
     """
@@ -166,7 +169,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     xi = best.program.xi
     is_beside = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf) < POLE_WIDTH
     sigma = problem.task.stretch.inverse(xi[~is_beside][1:-1])
-    root_z0 = np.sqrt(problem.z0(sigma))
+    root_z0 = np.sqrt(problem.z0(sigma))  # of the previous law
     z = best.law.squared_speed(sigma)
     root_error = np.sqrt(z) - 0.5 * (root_z0 + z / root_z0)
     torque_error = problem.demand(sigma).damping * root_error[:, None]
@@ -174,7 +177,13 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
 
 
 def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
-    """Find the law nearest in speed that meets condition (8) with damping, to rounding."""
+    """Find the law nearest in speed that meets condition (8) with damping, to rounding.
+
+    Args:
+        problem: the problem that the law solves with linearised damping.
+        points: where condition (8) must hold.
+        law: the law to change.
+    """
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
         problem = _linearise_damping(problem, points, law.squared_speed)
