@@ -178,6 +178,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
     size = np.abs(current.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return
+    # the largest deflection; NaN counts as infinite
     instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise NotConverged(

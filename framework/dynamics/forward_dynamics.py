@@ -104,7 +104,11 @@ def forward_dynamics(
 
 @lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of motion of a robot, with working memory for one thread."""
+    """Return the equations of motion of a robot, with working memory for one thread.
+
+    Args:
+        thread: identifier of the calling thread, a key of the cache alone.
+    """
     return EquationsOfMotion.of(robot)
 
 

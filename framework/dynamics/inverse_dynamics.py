@@ -433,7 +433,7 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     """
     if isinstance(law, ExactLaw):
         return True  # a law of this package; the closure error between nodes checks it, too
-    times = np.linspace(0.0, law.duration, 16 * len(grid.times))
+    times = np.linspace(0.0, law.duration, 16 * len(grid.times))  # also between the nodes
     values = np.asarray(law(grid.times))[:, None]
     series_values = grid.fit(values)(times)[:, 0]
     if np.abs(law(times) - series_values).max() > SAME_PLACE:

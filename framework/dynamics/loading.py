@@ -146,6 +146,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     for _ in range(MAX_STEPS):
         if not len(live):
             break
+        # a step of each configuration; accepted ones move on
         start, live_load = select(current, live), load.select(live)
         ends = _take_steps(robot, start, live_load, step[live])
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
@@ -257,7 +258,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     """
     remaining = 1.0 - start.share
     size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)  # of a step to the whole load
-    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share
+    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share; no 0 / 0
     motion = start.rate * (remaining * fraction)[:, None]
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     tangent = motion / np.where(length > 0.0, length, 1.0)

@@ -69,7 +69,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
     Args:
         edges: instants [s] between which the law is smooth.
     """
-    grid = TimeGrid(edges, 65)
+    grid = TimeGrid(edges, 65)  # nodes per panel; Newton's method removes what the series does not resolve
     function = grid.fit(np.asarray(law(grid.times))[:, None])
     roots = []
     for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
@@ -79,6 +79,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         residual = np.asarray(law(t)) - s
         for _ in range(MAX_NEWTON_STEPS if len(t) else 0):
             slope = np.asarray(law(t, 1))
+            # no step where the law stands still
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)
             residual = np.asarray(law(t)) - s

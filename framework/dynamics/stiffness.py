@@ -305,7 +305,7 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
     values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
     compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
-    is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING
+    is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING  # (n, free) axis i by a free direction
     return np.where(is_moved @ is_moved.T, np.inf, compliance)
 
 

@@ -57,7 +57,7 @@ class Best(NamedTuple):
         """The cost divided by the least cost, minus 1; a law of least cost need not be smooth."""
         goal = self.search.goal
         least = self.search.least
-        least_cost = least.value if goal == "time" else cost_of(goal, least)
+        least_cost = least.least_duration if goal == "time" else cost_of(goal, least)
         return max(self.cost / least_cost - 1.0, 0.0)
 
 
@@ -83,7 +83,7 @@ def find_best_law(
         return least_cost if goal == "peak_torque" else _find_least_peak(problem, least_cost, share)
     program, least, units = least_cost
     longest = problem.specification.longest
-    if goal == "time" and longest is not None and least.value > longest:
+    if goal == "time" and longest is not None and least.least_duration > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
     return _search_smooth(SmoothSearch(program, units, least, share), is_least_new=True)
 

@@ -78,12 +78,12 @@ class Evidence(NamedTuple):
     """The bound that multipliers prove.
 
     value: the bound of the peak over the reference, or of the duration [s].
-    lacking: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
+    shortfall: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
     shares: shares (k,) of the cells in the integral of |nu|_1.
     """
 
     value: float
-    lacking: Array
+    shortfall: Array
     shares: Array
 
 
@@ -397,7 +397,7 @@ class DualProgram:
         columns = np.dstack([continuous, others.reshape(count, size, m - 1)]).ravel()
         units = np.repeat(self._nu_unit, size * m).reshape(count, size, m)
         units[..., 0] = self.p_unit
-        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))
+        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))  # one entry in each row
 
     def _x_rows(self, functions: Array) -> Any:
         """Return rows (k SIZE, number of unknowns "x") of the coefficients of sum f_i x_i.

@@ -206,7 +206,7 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
         speed: the optimum, with its costs.
         units: returned if the speed has no finite duration.
     """
-    time = speed.value if np.isfinite(speed.value) else speed.duration
+    time = speed.least_duration if np.isfinite(speed.least_duration) else speed.duration
     if not np.isfinite(time):
         return units
     if goal in ("limits", "peak_speed"):  # the cost is a multiple of limits, without a unit of torque

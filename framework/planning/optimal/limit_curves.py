@@ -115,6 +115,9 @@ def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> 
     Args:
         required: torques and speeds of the motors with sigma = s, so that z = s'^2 and u = s".
         torque_limit, speed_limit: limits (n_a,) [N m, rad/s], infinite for unlimited motors.
+
+    Returns:
+        Infinite where nothing limits s'; NaN where the motors cannot even hold the robot.
     """
     constant, per_z, per_u = required.torque
     is_limited = np.isfinite(torque_limit)
@@ -127,6 +130,7 @@ def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> 
         by_torque = _highest_corner(edges)
     with np.errstate(divide="ignore"):
         by_speed = (speed_limit / np.abs(required.speed)).min(axis=1)
+    # without a corner at s' >= 0 no s" holds the robot
     return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
 
 

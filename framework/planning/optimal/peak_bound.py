@@ -103,7 +103,7 @@ class _Proof(NamedTuple):
     @property
     def complete(self) -> bool:
         """Whether the bound is positive, and proved on all cells."""
-        return self.evidence.value > 0.0 and not self.evidence.lacking.any()
+        return self.evidence.value > 0.0 and not self.evidence.shortfall.any()
 
 
 def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | None:
@@ -194,7 +194,7 @@ def _choose_parts(evidence: Evidence) -> IntArray:
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
     parts = 1 + (share_over_mean > halving_share) + 2 * (share_over_mean > quartering_share)
-    parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
+    parts = np.where(evidence.shortfall > 0.0, np.maximum(parts, 2), parts)
     return maximum_filter1d(parts, 3)  # of each cell and its two neighbours
 
 
@@ -229,7 +229,7 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
         proof = _Proof(series, multipliers, program.evaluate_bound(multipliers))
         if proof.complete:
             break
-        margin = margin + 2.0 * proof.evidence.lacking
+        margin = margin + 2.0 * proof.evidence.shortfall
     return proof
 
 

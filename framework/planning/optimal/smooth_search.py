@@ -42,7 +42,7 @@ class SmoothSearch(NamedTuple):
     least: the speed of least cost.
     share: share of the least cost by which the cost of a smooth law may exceed it.
     limit_share: share of the limits that may be used; lowered if a certified motion exceeds a limit.
-    pace: the longest duration [s] of a smooth law if none is required; None without a bound.
+    duration_limit: longest duration [s] of a smooth law if none is required; None without a bound.
     """
 
     program: SpeedProgram
@@ -50,7 +50,7 @@ class SmoothSearch(NamedTuple):
     least: Speed
     share: float
     limit_share: float = 1.0
-    pace: float | None = None
+    duration_limit: float | None = None
 
     @property
     def goal(self) -> str:
@@ -64,11 +64,11 @@ class SmoothSearch(NamedTuple):
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
         if self.goal == "time":  # the cost is the duration
-            return Bounds(min(cost_factor * self.least.value, longest or np.inf), share=limit_share)
+            return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
         if longest is None:
-            longest = self.pace
+            longest = self.duration_limit
         else:
-            longest = min(longest * (1.0 - SAME_DURATION), self.pace or np.inf)
+            longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
         if self.goal == "energy":
             return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
         largest_peak = cost_factor * self.least.peak  # the cost of the other goals
@@ -84,8 +84,8 @@ class SmoothSearch(NamedTuple):
         quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
         if isinstance(quick, Unsolved):
             return self
-        pace = min(specification.longest or np.inf, 2.0 * quick.duration)
-        return self._replace(pace=pace, units=self.units._replace(time=pace))
+        duration_limit = min(specification.longest or np.inf, 2.0 * quick.duration)
+        return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
     def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds, of the required duration, if any.
@@ -408,6 +408,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     problem = program.problem
     allowed = problem.specification.torque_limit  # (n_a,) [N m]
     if bounds.peak is not None:
+        # what the torque may reach between points, beyond the bound at the points
         allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
 
     # intervals with a large ratio to a limit at one of their ends; the first rows are those of the points

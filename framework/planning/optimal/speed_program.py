@@ -76,7 +76,7 @@ class Speed(NamedTuple):
     duration: [s].
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
-    value: the least duration [s] by the quadrature of the program; NaN for other goals.
+    least_duration: the least duration [s], by the quadrature of the program; NaN for other goals than "time".
     floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
     """
 
@@ -85,7 +85,7 @@ class Speed(NamedTuple):
     peak: float
     peak_speed: float
     energy: float
-    value: float = np.nan
+    least_duration: float = np.nan
     floor: float = 0.0
 
 
@@ -183,14 +183,14 @@ class SpeedProgram:
         rows = motor_rows(self.problem, self.basis, self.conditions, xi)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
-    def evaluate_speed(self, y: Array, value: float = np.nan) -> Speed:
+    def evaluate_speed(self, y: Array, least_duration: float = np.nan) -> Speed:
         """Compute duration, peaks and energy of the squared speed z with coefficients y (n,).
 
         The duration is the integral of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
         of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
 
         Args:
-            value: the least duration [s] by the quadrature of the program; NaN for other goals.
+            least_duration: the optimum [s] of the goal "time", by the program's quadrature; else NaN.
         """
         fine_z, fine_weights = self.fine_quadrature
         z = fine_z @ y  # (F,)
@@ -204,7 +204,7 @@ class SpeedProgram:
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
-        return Speed(y, duration, peak, peak_speed, energy, value)
+        return Speed(y, duration, peak, peak_speed, energy, least_duration)
 
     def minimise(
         self,
