@@ -79,7 +79,7 @@ def motion_with_deflections(
     """
     robot = branch.robot
     q_e, *deflection_rates = deflections
-    s = law_derivatives(law, times)
+    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
     x, dx, ddx = time_derivatives(branch.path, s)
     if neighbour is None:
         guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)

@@ -126,7 +126,7 @@ def _iterate_passes(
             return replace(solution, deflections=following)
         if change <= truncation:  # this grid cannot resolve a smaller change
             return solution
-        if contraction > GOOD_CONTRACTION:
+        if contraction > GOOD_CONTRACTION:  # further passes would not settle, or take too long
             break
         last_change = change
         try:

@@ -91,6 +91,8 @@ def forward_dynamics(
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
     solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(unaccelerated, a=solution.a)
+
+    # forces on the joints: motors less their rotors, and springs
     deflections = robot.coordinates.positions(closed.q)[:, robot.elastic]
     forces = Forces(
         joint_torque=robot.gear_ratio * torques - (robot.rotors * solution.a)[:, robot.actuated],

@@ -259,21 +259,23 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     alone, and zero otherwise.
 
     Args:
+        linearised: the loop equations at the T configurations.
         r: forces of the open tree.
         joint_torque: tau_joint (T, n_a).
     """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
-    wrench = linearised.loops.wrench
+    wrench = linearised.loops.wrench  # (T, rows, 6) of unit multipliers, at the second frames' origins
     position = frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]  # (rows, nv)
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]  # (T, 6, columns)
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
-    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
+    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]  # couplings have no wrench
 
+    # solve in radians and robot lengths, so that the rank and the least norm do not depend on units
     loop_forces = r[:, columns].copy()  # J' lambda
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths
-    scaled_jacobian = jacobian * scale / lengths[:, None]  # in radians and robot lengths
+    scaled_jacobian = jacobian * scale / lengths[:, None]
     multipliers, free = _least_multipliers(scaled_jacobian, loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
@@ -289,7 +291,7 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
         J: (T, rows, f).
 
     Returns:
-        lambda, and an array (T, rows, rows) whose nonzero rows span the null space of J'.
+        lambda (T, rows), and an array (T, rows, rows) whose nonzero rows span the null space of J'.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]

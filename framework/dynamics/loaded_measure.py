@@ -48,7 +48,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
         NotAssembled: the deflections tear the loops.
     """
     robot = result.robot
-    s = law_derivatives(result.law, t)
+    s = law_derivatives(result.law, t)  # s and two time derivatives, (T,) each
     deflections = [result.deflection(t, order) for order in range(3)]
     prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
     balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)

@@ -67,9 +67,8 @@ def measure_residuals(branch: Branch, solution: DeflectionSolution, result: Inve
     poses, motion = evaluate_motion(branch, result, times)
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
     residual = _residual_torques(robot, motion, torques)
-    residual[:, robot.structure.idle] = (
-        0.0  # the load of an idle joint is no error: `check_idle_joints` limits it
-    )
+    # the load of an idle joint is no error of the series: `check_idle_joints` limits it
+    residual[:, robot.structure.idle] = 0.0
     gaps = (
         solution.motion.linearised.loops.residual,  # on the nodes
         poses.linearised.loops.residual,  # at `times`
@@ -182,7 +181,8 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
     Returns:
         The poses, deflections included, and the motion that causes the forces.
     """
-    robot, s = branch.robot, law_derivatives(result.law, times)
+    robot = branch.robot
+    s = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
     x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)

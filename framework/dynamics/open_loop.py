@@ -135,7 +135,7 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array
     count, n = missing_wrench.shape
     y, f = np.zeros((2, count, 2 * n))
     f[:, n:] = np.einsum("tij,tj->ti", dynamics.per_wrench, missing_wrench)
-    A = np.zeros((count, 2 * n, 2 * n))
+    A = np.zeros((count, 2 * n, 2 * n))  # [0 1; per_error per_rate]
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n] = dynamics.per_error
     A[:, n:, n:] = dynamics.per_rate

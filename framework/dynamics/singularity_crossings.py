@@ -112,7 +112,7 @@ def rigid_crossings(
         return ()
     # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s = law_derivatives(law, times)
+    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
     speeds = np.abs(s[1])
     stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
     if stops.any():
@@ -166,18 +166,20 @@ def _rigid_crossing(
     Args:
         duration: duration of the motion [s].
         t: instant [s] at which the motion passes the point.
+        singular: the singular point, with its motion eta.
         forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
     """
     eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
     if singular.corank > 1:
         linearised = linearised_at(robot, singular.q[None], singular.platform[None])
         eta = escaping_motions(robot, linearised, at_least=singular.corank).motions
+
+    # the terms of eta . r; their scale is the largest sum of sizes along the motion, or that of inertia
+    terms = forces[:, None] * eta  # (1 + SAMPLES, corank, nv)
     inertial_force = robot.mass * robot.length / duration**2
     least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
-    terms = forces[:, None] * eta  # (1 + SAMPLES, corank, nv)
-    sizes = np.abs(terms).sum(axis=2)
-    scale = np.maximum(sizes.max(axis=0), least_scale)
-    wrench = terms[0].sum(axis=1)
+    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)  # (corank,)
+    wrench = terms[0].sum(axis=1)  # (corank,) at the point
     worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
         time=t,

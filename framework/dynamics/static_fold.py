@@ -102,6 +102,7 @@ class _RestCurve(NamedTuple):
                 if np.abs(F).max() <= FOLD_MISFIT:
                     tangent = np.linalg.svd(slopes)[2][-1]  # null space of the slopes
                     return _CurvePoint(coordinates, tangent * np.sign(tangent @ along))
+                # the least step: there is one unknown more than equations
                 coordinates = coordinates - np.linalg.lstsq(slopes, F, rcond=None)[0]
         except (NoAnswer, np.linalg.LinAlgError):
             pass

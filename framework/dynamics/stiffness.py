@@ -99,12 +99,16 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 def least_ratios(H: Array, S: Array) -> Array:
     """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S.
 
-    The ratio is NaN if there is no least one.
+    If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
+    of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
+    L^-1 S L'^-1. This inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have
+    no mass. The shift sigma is a multiple of tr H / tr S, so that it does not depend on units.
 
-    sigma is a multiple of tr H / tr S, so that it does not depend on units. If H + sigma S is
-    positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue of S relative to
-    H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of L^-1 S L'^-1. This
-    inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have no mass.
+    Args:
+        H, S: symmetric matrices (T, d, d).
+
+    Returns:
+        The ratio; NaN if there is no least one.
     """
     least = np.full(len(H), np.nan)
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))

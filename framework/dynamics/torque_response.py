@@ -137,7 +137,7 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Co
         prescribed = equations.prescribe_at(state, *z_and_u)
         loads.append(load_at_rates(robot, balance, prescribed))
         motions.append(_motion_with_spring_rates(robot, balance, prescribed))
-    load = _split_terms(loads)
+    load = _split_terms(loads)  # (T, nv, 4)
     acceleration = _split_terms([motion.a[:, robot.actuated] for motion in motions])
     speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
     columns, units = locked_columns(robot)
@@ -208,12 +208,14 @@ def _balance_motors(
     squares. Motors balance the rest, and accelerate their rotors.
 
     Args:
+        balance: the balance whose configurations are used.
         forces: (T, nv, k) of the open tree.
         accelerations: (T, n_a, k) of the actuated joints.
     """
     columns, units = locked_columns(robot)
     linearised = balance.motion.linearised
-    Q, R, _ = factor_transposed(constraint_rows(robot, linearised))
+    # J' = Q R gives lambda = R^-1 Q' forces, in units of the columns
+    Q, R, _null_space = factor_transposed(constraint_rows(robot, linearised))
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
     J_a = linearised.closures[:, :, robot.actuated] * loop_weights(robot)[:, None]  # (T, m, n_a)
     loop_multipliers = multipliers[:, : J_a.shape[1]]  # without those of redundant motors

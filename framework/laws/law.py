@@ -416,7 +416,7 @@ def _rest_integrals(smoothness: int, size: int) -> Array:
     bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))
     for k, unit_vector in enumerate(np.eye(size)):
-        T_k = unit_vector[: k + 1]
+        T_k = unit_vector[: k + 1]  # its Chebyshev coefficients
         series = chebyshev.chebint(chebyshev.chebmul(bump, T_k), lbnd=-1)
         integrals[: len(series), k] = series
     return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

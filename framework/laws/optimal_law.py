@@ -221,7 +221,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         z_slopes = [self.squared_speed(sigma, order) for order in range(count - 1)]
         not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_slopes))
         z, dz, ddz, dddz = z_slopes + not_needed
-        speed, u, du, ddu = np.sqrt(z), 0.5 * dz, 0.5 * ddz, 0.5 * dddz
+        speed = np.sqrt(z)
+        u, du, ddu = 0.5 * dz, 0.5 * ddz, 0.5 * dddz
         sigma_rates = [speed, u, speed * du, u * du + z * ddu]
         return compose_derivatives(by_sigma, sigma_rates[: count - 1])
 

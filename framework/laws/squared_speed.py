@@ -294,8 +294,10 @@ class SpeedSpace(NamedTuple):
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
-            directions = inverse_weights @ A.T  # (size, c)
-            step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
+            directions = inverse_weights @ A.T  # (size, c) W^-1 A'
+            # least squares, as equalities may depend on each other
+            multipliers = np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
+            step = directions @ multipliers
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break

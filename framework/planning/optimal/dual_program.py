@@ -311,11 +311,16 @@ class DualProgram:
         width = self.series.width[:, None]
         count = 2 * len(width)
         identity = eye_array(count, format="csr")
+        # the factor less the minorant, a line on each cell with the values of the unknowns at its ends
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
         draft.factor["minorant"] = block_diag([*lines], format="csr")
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
+
+        # the mean of C on a cell is at least the mean of 1.5 slow at its two ends
         end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
+
+        # the cones, with root^2 <= 2 minorant slow and slow^2 <= root lambda
         half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}  # less the share of lambda spent on drag
         if "drag" in draft.sizes:
             half_lambda["share"] = self._add_drag(draft)

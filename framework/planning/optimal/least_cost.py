@@ -211,7 +211,8 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
         return units
     if goal in ("limits", "peak_speed"):  # the cost is a multiple of limits, without a unit of torque
         return Units(time, 1.0)
-    return Units(time, float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak)
+    torque = float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak
+    return Units(time, torque)
 
 
 def _first_units(program: SpeedProgram) -> Units:

@@ -236,9 +236,12 @@ class SampledDemand(NamedTuple):
     has_friction: bool
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
-        """Compute the demand at sigma (M,), affine in z and u.
+        """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
 
-        It follows from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+        They follow from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+
+        Args:
+            phi: the map from sigma to s.
         """
         s = phi(sigma)
         dphi = phi(sigma, 1)[:, None]

@@ -152,6 +152,7 @@ def _linearised_forces(
     forces[0] = static_forces(robot, probes.q[at_rest], wrenches)
     if robot.is_damped and z0 is not None:
         root = np.sqrt(z0(sigma))[:, None]
+        # sqrt(z) = sqrt(z0) / 2 + z / (2 sqrt(z0)) to first order
         half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(probes)
         forces[0] += half_damping * root
         forces[1] += half_damping / root

@@ -383,7 +383,8 @@ def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) ->
 
     Args:
         waits: mask (m,) of the interval.
-        width: of the interval, in sigma.
+        width: width of the interval, in sigma.
+        duration: [s].
         floor: lower bound of z [1/s^2].
     """
     highest = max((0.7 * width / duration) ** 2, 1.01 * floor)
