@@ -75,9 +75,7 @@ from framework.tolerances import (
 GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # numbers of nodes per panel, tried in turn
 FEWEST_NODES = 20  # per panel, tried before SIZES if the law has panels of its own
-MAX_USABLE_CHANGE = (
-    1e-2  # relative change of the deflections by one more pass, above which they are discarded
-)
+MAX_USABLE_CHANGE = 1e-2  # relative, of the deflections by one more pass; above, they are discarded
 STALLED_RATIO = 0.5  # ratio of this change on two successive grids, above which finer grids do not help
 
 
@@ -362,7 +360,7 @@ class _Refinement:
             passes=self.passes,
             change=solution.change,
             end_speed=_end_speed(robot, motion.v),
-            monotone=bool(np.all(np.diff(s) > -1e-14)),
+            monotone=bool(np.all(np.diff(s) > -1e-14)),  # but for rounding of s
         )
         result = InverseDynamics(
             robot=robot,
@@ -416,7 +414,7 @@ def check_law(law: MotionLaw) -> None:
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
-    s = np.asarray(law(np.linspace(0.0, duration, 257)), dtype=float)
+    s = np.asarray(law(np.linspace(0.0, duration, 257)), dtype=float)  # enough to see a law leave the path
     if s.shape != (257,) or not np.all(np.isfinite(s)):
         raise InvalidInput("law: must give one finite s for each t")
     if s.min() < -OVERSHOOT or s.max() > 1 + OVERSHOOT:

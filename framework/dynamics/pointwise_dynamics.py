@@ -336,7 +336,7 @@ class _TaylorMotion(NamedTuple):
             series = coefficients(np.concatenate(forces, axis=1))
             least_tail = min(least_tail, tail(series))
             if tail(series) <= TORQUE_TAIL:
-                value = evaluate(np.zeros(1), series)
+                value = evaluate(np.zeros(1), series)  # in the middle of the panel
                 return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
         raise self.make_error(
             f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "

@@ -374,7 +374,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 def _interior_values(size: int) -> Array:
     """Return the matrix (2 size + 2, size) from `size` Chebyshev coefficients to values inside (-1, 1).
 
-    The values are those at 2 size + 4 Chebyshev nodes without the two ends.
+    The values are those at 2 size + 4 Chebyshev nodes without the two ends, about two for each coefficient.
     """
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1))
 

@@ -105,7 +105,7 @@ class Stretch:
         """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi."""
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
-        sigma = np.interp(xi, self(grid), grid)
+        sigma = np.interp(xi, self(grid), grid)  # first guess from the table (xi(grid), grid)
         for _ in range(4):  # the table is right to a few digits, and each step doubles their number
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
         return sigma
@@ -328,7 +328,8 @@ class SpeedSpace(NamedTuple):
             return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
-        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size) T_k at the samples
+        # (4 size, size) T_k at four samples for each coefficient
+        values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
         change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
         degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)

@@ -51,9 +51,9 @@ class NoneFound(NamedTuple):
 def cost_of(goal: str, speed: Speed) -> float:
     """Return the cost of a speed by a goal.
 
-    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": of torques over the
-    reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the peaks
-    of torques and of squared speeds.
+    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": the energy of torques over
+    the reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the
+    peaks of torques and of squared speeds.
     """
     return {
         "time": speed.duration,
@@ -85,6 +85,7 @@ def first_cells(problem: LawProblem) -> Array:
         # two crossings leave a third of their distance between their cells
         width = min(width, 2.0 / 3.0 * distances[distances > 0.0].min(initial=np.inf))
         half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))  # ends in front of the end of the path
+        # leave out edges that would make narrow cells
         is_end = np.abs(edges) == 1.0
         is_far = np.abs(edges - xi) > half_width + 0.35 * width
         edges = np.unique(np.concatenate([edges[is_far | is_end], [xi - half_width, xi + half_width]]))

@@ -227,14 +227,15 @@ def _conditions_at_points(
     robot = branch.robot
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
+    # null vectors that are smooth along the path: the border is that of the singular pose
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     probes = _probe_motions(branch, phi, sigma, closed)
     forces = _linearised_forces(branch, probes, sigma, s, z0)
     terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
-    sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
-    return np.moveaxis(terms.sum(axis=3), 0, 2), sizes
+    scales = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
+    return np.moveaxis(terms.sum(axis=3), 0, 2), scales
 
 
 def _independent_rows(rows: Array, size: float) -> Array:

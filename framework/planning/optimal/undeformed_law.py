@@ -61,7 +61,8 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
         points: the points of the path where condition (8) must hold.
 
     Raises:
-        As `find_undeformed_law`.
+        NoLaw: no law was found within the limits.
+        NotConverged: law and damping do not settle together, or the solver gave up.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
     best = solve_problem(problem)
@@ -70,7 +71,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
     for _ in range(MAX_TANGENTS):
         problem = _linearise_damping(problem, points, best.law.squared_speed)
         result = resume_law(best, problem)
-        if isinstance(result, NoneFound):
+        if isinstance(result, NoneFound):  # search again, without the last law
             result = find_best_law(problem, best.program.cells)
         best = _require_law(problem, result)
         error = _tangent_error(problem, best)
@@ -136,7 +137,8 @@ def solve_problem(
         similar: the law of a similar problem; the search resumes from it if z has the same basis.
 
     Raises:
-        As `find_undeformed_law`.
+        NoLaw: no law was found within the limits.
+        NotConverged: the solver gave up.
     """
     if similar is not None and similar.program.problem.degree == problem.degree:
         return _require_law(problem, resume_law(similar, problem, share=share))
