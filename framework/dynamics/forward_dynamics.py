@@ -115,7 +115,11 @@ def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding."""
+    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding.
+
+    Args:
+        closed: T configurations with closed loops.
+    """
     speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
     loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
     opening_rows = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))

@@ -207,7 +207,7 @@ class LoopLoads(NamedTuple):
     position: Array  # (T, rows, 3) [m] position of that origin
     displacement: Array  # (T, rows, 3) [m] from the origin of the first frame to that of the second
     multipliers: Array  # (T, rows) lambda of least norm
-    free: Array  # (T, rows, rows) multipliers: rows span the null space of J', filled up with zero rows
+    null_space: Array  # (T, rows, rows) multipliers: rows span the null space of J', filled up with zero rows
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint: (T, 6) ON the body, at the frame's origin, base axes
@@ -276,9 +276,9 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths
     scaled_jacobian = jacobian * scale / lengths[:, None]
-    multipliers, free = _least_multipliers(scaled_jacobian, loop_forces * scale)
+    multipliers, null_space = _least_multipliers(scaled_jacobian, loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
-    return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
+    return LoopLoads(wrench, position, displacement, multipliers / lengths, null_space / lengths)
 
 
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
@@ -319,7 +319,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
         rows = slice(first_row, first_row + len(closure.axes))
         first_row = rows.stop
         wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        free = loops.free[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
+        free = loops.null_space[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
         wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
     return wrenches
 
@@ -334,7 +334,7 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     """
     rows = np.flatnonzero(robot.rows.coupled)
     # largest component of a null-space vector at each coupling (T, couplings)
-    freedom = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
+    freedom = np.abs(loops.null_space[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
     torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
     names = [coupling.name for coupling in robot.description.couplings]
     return dict(zip(names, torque.T, strict=True))
@@ -366,7 +366,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     reactions -= move_wrench(loads, -position)
 
     # the wrench in joint j by null-space vector k: the sum over rows m of sign, multiplier and unit wrench
-    free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
+    free = np.einsum("mj,tkm,tmi->tjki", signs, loops.null_space, about_base)
     free = move_wrench(free, -position[:, :, None])
     return {
         str(model.names[j]): _mark_indeterminate(robot, reactions[:, j], free[:, j])

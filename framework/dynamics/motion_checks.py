@@ -297,7 +297,11 @@ def _is_resolved_near(
 
 
 def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
-    """Return the place of a near miss, its |g| and a remedy, in words."""
+    """Return the place of a near miss, its |g| and a remedy, in words.
+
+    Args:
+        miss: a least |g| on the path that is not zero.
+    """
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "

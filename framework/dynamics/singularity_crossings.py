@@ -223,7 +223,12 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`."""
+    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`.
+
+    Args:
+        crossings: the crossings of the motion.
+        allowed: largest residual |t_s . W_p| / scale.
+    """
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return

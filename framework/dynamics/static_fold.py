@@ -56,7 +56,7 @@ class _RestCurve(NamedTuple):
     v_unit: float = 1.0
 
     def _balance(self, coordinates: Array) -> LoadedBalance:
-        """Compute the balance at coordinates (n_e + 1,) of a `_CurvePoint`."""
+        """Compute the balance of the robot at rest at coordinates (v / (v_unit u), log eps), (n_e + 1,)."""
         branch = self.branch
         s = np.array([self.s])
         compliance = np.exp(coordinates[-1])

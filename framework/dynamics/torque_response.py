@@ -86,7 +86,11 @@ class _LawTerms(NamedTuple):
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
-    """Compute the terms 1, z, u and z^(1/2) of a law at xi (T,), and their derivatives by y."""
+    """Compute the terms 1, z, u and z^(1/2) of a law at xi (T,), and their derivatives by y.
+
+    Args:
+        law: the optimal law, with the coefficients y of z.
+    """
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     z_by_y = law.basis.matrix(xi).toarray()
     u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()

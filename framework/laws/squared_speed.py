@@ -102,7 +102,11 @@ class Stretch:
         return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi."""
+        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi.
+
+        Args:
+            xi: values in [-1, 1].
+        """
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
         sigma = np.interp(xi, self(grid), grid)  # first guess from the table (xi(grid), grid)

@@ -279,7 +279,13 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
 
 
 def _cut_cells(problem: LawProblem, cells: Array, to_cut: BoolArray) -> Array:
-    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges."""
+    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges.
+
+    Args:
+        problem: the problem with its crossings.
+        cells: (k + 1,) edges in xi.
+        to_cut: mask of the cells to cut.
+    """
     low = cells[:-1][to_cut]
     high = cells[1:][to_cut]
     in_three = cells_about(cells, problem.crossing_xi)[to_cut]

@@ -57,7 +57,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> Demand:
     """Compute torques and speeds of the undeformed robot's motors at s (T,), dry friction included."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
-    required = demand(branch, Smoothstep(0), s)  # sigma = s
+    required = demand(branch, Smoothstep(0), s)  # Smoothstep(0) is the identity: sigma = s
     friction = required.friction(motor_friction(robot, plan.request.friction))
     torque = required.torque._replace(constant=required.torque.constant + friction)
     return required._replace(torque=torque)

@@ -89,6 +89,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
     task = Task(PathToCross(searched, searched.points), plan.request, specification)
     if specification.goal == "time":
         return bound_duration(task)
+    # peaks are relative to the limits; motors without a limit have the reference of the plan
     limited = specification.limited_motors
     return bound_peak(task, np.where(limited, specification.torque_limit, plan.optimality.reference))
 

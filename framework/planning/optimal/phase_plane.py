@@ -86,7 +86,11 @@ class Demand(NamedTuple):
 
 
 def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
-    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma)."""
+    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma).
+
+    Args:
+        phi: the map from sigma to s.
+    """
     robot = branch.robot
     s = phi(sigma)
     count = len(sigma)

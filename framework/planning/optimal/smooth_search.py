@@ -58,7 +58,7 @@ class SmoothSearch(NamedTuple):
 
     @property
     def bounds(self) -> Bounds:
-        """The limits, and the least cost enlarged by the share for smoothness."""
+        """The bounds of a smooth law: the limits, and the least cost enlarged by the share for smoothness."""
         specification = self.program.problem.specification
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
@@ -361,7 +361,11 @@ class SmoothSearch(NamedTuple):
             yield np.abs(sigma - middle) < 0.5 * width
 
     def _holding_cost(self, sigma: Array) -> Array:
-        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,)."""
+        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,).
+
+        Args:
+            sigma: points of the path.
+        """
         program = self.program
         points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,)
         torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]  # where z = u = 0

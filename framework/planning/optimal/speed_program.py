@@ -372,7 +372,11 @@ class SpeedProgram:
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return the rows of each motor's torque over its reference, in a program's units."""
+        """Return the rows of each motor's torque over its reference, in a program's units.
+
+        Args:
+            units: units of time and torque of the program.
+        """
         torques = []
         for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):
             unit = reference * units.torque
