@@ -63,14 +63,14 @@ class BalanceState(NamedTuple):
 
     @property
     def cell_misfits(self) -> Array:
-        """The largest |F| on each cell (cells,), over the largest load of all."""
+        """The largest |F| on each cell (cells,), over the largest entry of the load on all cells."""
         largest = np.zeros(len(self.splines.intervals))
         np.maximum.at(largest, self.splines.nodes.cells, np.abs(self.balance.F).max(axis=1))
-        return largest / self.balance.size
+        return largest / self.balance.size  # `size` is the largest load, not a number of entries
 
     @property
     def misfit(self) -> float:
-        """The largest |F|, over the largest load."""
+        """The largest |F|, over the largest entry of the load."""
         return float(self.cell_misfits.max())
 
 
@@ -103,6 +103,11 @@ class LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
         Columns of the series smaller than their median are scaled by the median.
+
+        Args:
+            by_series: sparse (T n_e, C) derivatives of F by the series; its entries are scaled in place.
+            by_scalars: (T n_e, k) derivatives of F by the scalars of the law.
+            rest: (rows, C + k) derivatives of the terms that vanish at rest.
         """
         series_sizes = column_sizes(by_series)
         series_sizes = np.maximum(series_sizes, np.median(series_sizes))
@@ -196,6 +201,9 @@ class BalanceEquations:
         """Compute the balance of given unknowns.
 
         Args:
+            splines: the splines of the deflections.
+            series: (size, n_e) their coefficients, in units of the springs.
+            scalars: (k,) of the law.
             stiffer: factor of the robot's spring stiffness.
             near: configurations (T, nq) from which the loops are closed; those of the branch by default.
 
@@ -229,7 +237,13 @@ class BalanceEquations:
         clock: Clock,
         motion: tuple[list[Array], Array, Array],
     ) -> SampledMotion:
-        """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2."""
+        """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2.
+
+        Args:
+            splines: the splines of the deflections.
+            series: (size, n_e) their coefficients, in units of the springs.
+            clock: the law with its parameter p.
+        """
         s, rate, acceleration = motion
         bases = _time_bases(splines.nodes.bases, rate, acceleration)
         deflections = [splines.combine(basis, series) * self.units for basis in bases]
@@ -248,7 +262,7 @@ class BalanceEquations:
         """Compute derivatives of F = Y' load by the series and by the scalars.
 
         Returns:
-            A sparse matrix (T n_e, C), and an array (T n_e, k).
+            A sparse matrix (T n_e, C) by the series, and an array (T n_e, k) by the scalars.
         """
         to_F = state.balance.Y.swapaxes(1, 2)  # (T, n_e, f)
         return self._slopes_by_series(state, to_F), self._slopes_by_scalars(state, to_F)
@@ -302,6 +316,7 @@ class BalanceEquations:
         Rows are the rate and the acceleration of each spring at both ends of the motion, over its largest.
         There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
         then springs that do not vibrate are not at rest either.
+        C is the number of coefficients of the series, k that of the law's scalars.
         """
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
@@ -311,12 +326,13 @@ class BalanceEquations:
         ends = splines.cells[[0, -1]]
         intervals = splines.intervals[[0, -1]]
         _, rate, acceleration = state.samples.clock.motion(ends)
-        bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]
+        bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]  # without the values
         rows = np.zeros((2, 2, splines.size))  # order by end
         rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
         weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
+        # order o, end p, spring e; spline s of spring f: each spring depends on its own coefficients alone
         by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))
         return np.pad(by_series.reshape(-1, state.series.size), ((0, 0), (0, len(self.steps))))
 
@@ -325,6 +341,9 @@ def _time_bases(bases: Array, rate: Array, acceleration: Array) -> Array:
     """Convert values and derivatives by p (3, T, k) into time derivatives.
 
     The rates dp/dt and accelerations d2p/dt2 are (T,).
+
+    Args:
+        bases: values and first and second derivatives by p of the k splines that are not zero.
     """
     value, slope, bend = bases
     rate, acceleration = rate[:, None], acceleration[:, None]

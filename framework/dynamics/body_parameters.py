@@ -23,7 +23,7 @@ _ENTRIES = np.tril_indices(3)  # rows and columns in I of Ixx, Ixy, Iyy, Ixz, Iy
 
 @lru_cache(maxsize=64)
 def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
-    """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all moving bodies.
+    """Return names LINK.mass, LINK.mx .. LINK.Izz, and values (p,), of all moving bodies.
 
     A body is the link behind a joint, with all parts fixed to it. The values are mass [kg], mass times the
     position of the centre of mass [kg m] and inertia [kg m^2] about the joint's origin, on the link's axes.
@@ -37,6 +37,7 @@ def tree_regressor(robot: Mechanism, motion: Motion, bodies: IntArray | None = N
     """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by inertial parameters.
 
     Args:
+        motion: positions, velocities and accelerations of all joints at T instants.
         bodies: (b,) pinocchio indices of the joints that carry the bodies; all bodies by default.
     """
     model, data = robot.model, scratch_of(robot).data
@@ -102,8 +103,8 @@ def from_pseudo_inertia(matrix: Array) -> Array:
 def parameter_transform(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) from parameters on a frame to parameters on its reference frame.
 
-    With H = `placement`, the pose of the frame in its reference, the pseudo-inertia P becomes H P H'. The
-    columns of the matrix are the images of unit parameters.
+    With H = `placement`, the homogeneous matrix of the frame in its reference, the pseudo-inertia P becomes
+    H P H'. This is linear in the parameters, so the columns of the matrix are the images of unit parameters.
     """
     H = placement.homogeneous
     return from_pseudo_inertia(H @ pseudo_inertia(np.eye(10)) @ H.T).T

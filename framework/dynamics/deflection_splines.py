@@ -92,8 +92,9 @@ class DeflectionSplines(ReadOnlyArrays):
         inner_knots = np.lib.stride_tricks.sliding_window_view(knots[1:-1], SPLINE_DEGREE)
         first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
         counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
-        centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])
+        centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])  # one array for each panel
         points = [_subdivide(on_panel) for on_panel in centres]
+        # the cell of each point; a point on an edge of its panel stays in a cell of this panel
         cells = [
             np.clip(np.searchsorted(self.cells, p, side="right") - 1, first, following - 1)
             for p, first, following in zip(points, first_cells[:-1], first_cells[1:], strict=True)
@@ -106,7 +107,7 @@ class DeflectionSplines(ReadOnlyArrays):
         return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
 
     def columns(self, intervals: IntArray) -> IntArray:
-        """Return the indices (T, SPLINE_DEGREE + 1) of the splines that are not zero behind knots (T,)."""
+        """Return indices (T, SPLINE_DEGREE + 1) of the splines that are not zero after knots (T,)."""
         return intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
 
     def bases(self, intervals: IntArray, p: Array) -> Array:
@@ -123,6 +124,7 @@ class DeflectionSplines(ReadOnlyArrays):
 
         Args:
             bases: (T, SPLINE_DEGREE + 1) the splines that are not zero, or derivatives.
+            series: (size, ...) coefficients.
         """
         return np.einsum("tj,tj...->t...", bases, series[self.nodes.columns])
 
@@ -132,10 +134,14 @@ class DeflectionSplines(ReadOnlyArrays):
         return BandedFactor.factor_squares(rows, 0.0).solve(rows.T @ values)
 
     def insert(self, other: DeflectionSplines, series: Array) -> Array:
-        """Return the coefficients (size, c) of functions on coarser cells, given by theirs in `other`.
+        """Return the coefficients (size, c) of functions that are given on coarser cells.
 
         A new knot t in the interval k replaces c_i by a_i c_i + (1 - a_i) c_(i-1) for k - degree < i <= k,
         with a_i = (t - t_i) / (t_(i + degree) - t_i) (Boehm).
+
+        Args:
+            other: the splines on the coarser cells.
+            series: coefficients of the functions in `other`.
         """
         knots = other.knots
         for knot in np.setdiff1d(self.cells, other.cells):
@@ -170,7 +176,8 @@ class KnownDeflections(NamedTuple):
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute deflections and two time derivatives at t (T,), each (T, n_e)."""
         p = np.clip(self.clock.parameter(t), self.splines.cells[0], self.splines.cells[-1])
-        value, slope, bend = (self.splines.evaluate(self.series, p, order) for order in range(3))  # by p
+        # the functions and their derivatives by p, then dp/dt and d2p/dt2
+        value, slope, bend = (self.splines.evaluate(self.series, p, order) for order in range(3))
         _, rate, acceleration = self.clock.motion(p)
         dp = rate[:, None]
         return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]

@@ -52,13 +52,14 @@ class DynamicsDerivatives(ReadOnlyArrays):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names of the p inertial parameters of all bodies, see `body_parameters`."""
+        """The names of the p inertial parameters of all bodies, such as LINK.mass."""
         return body_parameters(self._robot)[0]
 
     @cached_property
     def regressor(self) -> Array:
         """The derivatives (n_a, p) of the torques by the parameters, computed on first use."""
         G, rates = motor_speeds(self._robot, self._motion.linearised)
+        # (T, n, p) wrenches on the platform for unit parameters, (dq/dv)' Y
         wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
         stack = least_motor_torques(self._robot, G.swapaxes(1, 2), wrenches)
         return read_only(stack if self.torque.ndim == 2 else stack[0])
@@ -78,7 +79,9 @@ def dynamics_derivatives(
     `dynamics_at`. External wrenches keep their components on base axes and move with their frames.
 
     Args:
-        q, dx, ddx, wrenches: as for `dynamics_at`, a stack of T instants included.
+        q: assembled configuration, as returned by `assemble`; or a stack of T instants (T, nq).
+        dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
 
     Raises:
         InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.
@@ -123,10 +126,12 @@ def _redundant_torque_changes(
 ) -> Array:
     """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n), at constant k.
 
-    The torques t = G k of least norm have the values of the motors' speeds at the rates k of x. So dG k is
-    the change of these speeds at constant rates.
+    The torques t = G k of least norm are computed like the motors' speeds at the rates k of x. So dG k is the
+    change of these speeds at constant rates.
 
     Args:
+        motion: the motion at the T instants, of which only the positions count.
+        x: platform coordinates.
         speeds: G' (T, n, n_a).
         joint_torque: torques (T, n_a) on the joint side, without those of the rotors.
     """

@@ -35,9 +35,12 @@ class Pass(NamedTuple):
 def evaluate_pass(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> Pass:
-    """Compute motion and forces with deflections `function`, and the caused deflections -force/K.
+    """Compute motion and forces with given deflections, and the caused deflections -force/K.
 
-    Loops are closed from the configurations of `neighbour`, a pass with similar deflections, if available.
+    Args:
+        function: deflections (n_e) as a function of time.
+        neighbour: a pass with similar deflections, from whose configurations the loops are closed; None to
+            close the loops from the branch.
 
     Raises:
         NotAssembled: the deflections tear the loops.
@@ -51,7 +54,12 @@ def evaluate_pass(
 def evaluate_deflected_motion(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> tuple[Array, Motion]:
-    """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid."""
+    """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid.
+
+    Args:
+        function: deflections (n_e) as a function of time.
+        neighbour: a pass on the same grid with similar deflections, if available.
+    """
     deflections = grid.values(function)
     return deflections[0], motion_with_deflections(branch, grid.times, law, deflections, neighbour)
 
@@ -71,12 +79,13 @@ def motion_with_deflections(
     """
     robot = branch.robot
     q_e, *deflection_rates = deflections
-    s = law_derivatives(law, times)
+    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
     x, dx, ddx = time_derivatives(branch.path, s)
     if neighbour is None:
         guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
     else:  # a tangent step from the neighbour, whose loop equations are already factored
         linearised = neighbour.motion.linearised
+        # (T, n) from the neighbour's pose to x
         platform_step = -robot.platform.residual(linearised.frames, x)
         step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
         guess = integrate(robot, neighbour.motion.q, step)

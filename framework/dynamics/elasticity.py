@@ -41,7 +41,7 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-GOOD_CONTRACTION = 0.3  # change by a pass over that by the last pass; above, passes end
+GOOD_CONTRACTION = 0.3  # change by a pass over the change by the last pass; above this ratio, passes end
 DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change that is rounding, however small the deflections
 # chooses the law for given deflections and the law of the last pass; both are None before the first pass
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
@@ -75,6 +75,7 @@ def solve_deflections(
     """Solve for deflections and forces at the nodes of the grid.
 
     Args:
+        choose_law: function of the deflections and of the last pass's law that returns the law of a pass.
         geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
             iterates until the deflections settle.
         first_law: the law for springs at rest, from which the iteration begins.
@@ -102,22 +103,30 @@ def solve_deflections(
 def _iterate_passes(
     branch: Branch, grid: TimeGrid, choose_law: LawChoice, tolerance: float, current: Pass
 ) -> DeflectionSolution:
-    """Repeat passes until the change is settled, is below the truncation error, or contracts no longer."""
+    """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
+
+    Args:
+        choose_law: function of the deflections and of the last pass's law that returns the law of a pass.
+        tolerance: relative change of deflections that counts as settled.
+        current: the first pass.
+    """
     robot = branch.robot
     last_change = np.inf
     for passes in count(1):
         check_time()
-        following = grid.fit_truncated(current.caused)
-        resolved = grid.values(following)[0] - current.q_e
-        change = _relative_size(robot, resolved, current)
-        truncation = _relative_size(robot, current.residual - resolved, current)
+        following = grid.fit_truncated(current.caused)  # deflections of the next pass
+        # the part of the residual that the next pass removes; the rest is truncated
+        resolved_change = grid.values(following)[0] - current.q_e
+        change = _relative_size(robot, resolved_change, current)
+        truncation = _relative_size(robot, current.residual - resolved_change, current)
         contraction = change / last_change if np.isfinite(last_change) else GOOD_CONTRACTION
         solution = _solution_of_pass(robot, grid, current, current.function, passes)
+        # change * contraction estimates the change by the next pass
         if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
             return replace(solution, deflections=following)
-        if change <= truncation:
+        if change <= truncation:  # this grid cannot resolve a smaller change
             return solution
-        if contraction > GOOD_CONTRACTION:
+        if contraction > GOOD_CONTRACTION:  # further passes would not settle, or take too long
             break
         last_change = change
         try:
@@ -131,7 +140,10 @@ def _iterate_passes(
 def assess_deflections(
     branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections
 ) -> DeflectionSolution:
-    """Evaluate the motion with known deflections, and their distance from balance.
+    """Evaluate the motion with known deflections; its `change` is their relative residual of balance.
+
+    Args:
+        known: function of instants (T,) that returns the deflections and two time derivatives.
 
     Raises:
         NotAssembled: the deflections tear the loops.
@@ -145,7 +157,11 @@ def assess_deflections(
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
-    """Return the deflections caused by forces of the undeformed robot, and the deflected motion."""
+    """Return the deflections caused by forces of the undeformed robot, and the deflected motion.
+
+    Args:
+        current: the pass with springs at rest.
+    """
     deflections = grid.fit(current.caused)
     motion = current.motion
     if branch.robot.n_e:
@@ -154,10 +170,15 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
-    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
+    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`.
+
+    Args:
+        current: the pass with springs at rest, whose forces cause the deflections.
+    """
     size = np.abs(current.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return
+    # the largest deflection; NaN counts as infinite
     instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise NotConverged(
@@ -171,7 +192,13 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 def _solution_of_pass(
     robot: ParallelRobot, grid: TimeGrid, current: Pass, deflections: TimeFunction, passes: int = 1
 ) -> DeflectionSolution:
-    """Return the solution of the last of some passes, with its relative change."""
+    """Return the solution of a pass, with its relative change.
+
+    Args:
+        current: the pass.
+        deflections: the deflections of its motion.
+        passes: number of passes up to this one.
+    """
     change = _relative_size(robot, current.residual, current)
     return DeflectionSolution(
         grid, current.law, current.motion, current.forces, deflections, current.caused, passes, change
@@ -181,7 +208,12 @@ def _solution_of_pass(
 def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:
     """Return the largest residual (T, n_e) over the largest deflection, or as a force over the largest force.
 
-    The larger of the two counts.
+    The larger ratio counts. Deflections alone would hide errors of stiff springs, forces alone those of soft
+    springs.
+
+    Args:
+        residual: deflections [rad, m].
+        current: the pass with the largest deflection and force.
     """
     scale = spring_scale(robot)
     stiffness = robot.stiffness

@@ -47,9 +47,10 @@ def finite_difference_torques(
     """Compute torques at equidistant instants, with rates of motors and springs by finite differences.
 
     Args:
-        robot, path, law: as for `inverse_dynamics`.
+        path: path of the platform, s in [0, 1].
+        law: motion law s(t) with an attribute `duration` [s].
         samples: number of instants.
-        geometry: "rigid" or "deformed", as for `inverse_dynamics`.
+        geometry: "rigid" (forces of the undeformed robot) or "deformed", the default for elastic robots.
         passes: number of times that deflections are computed from forces, with deformed geometry.
         branch: the result of `track_path`, if already computed.
 

@@ -72,7 +72,10 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
-    """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs less wrenches."""
+    """Compute the forces r (T, nv) of the open tree at rest at q (T, nq).
+
+    They are those of gravity and joint springs, less external wrenches (`tree_forces` without motion).
+    """
     forces = np.empty((len(q), robot.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
@@ -90,7 +93,7 @@ def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Ar
 
 
 def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
+    """Compute the forces (T, nv) of inertia of bodies and armature, a part of `tree_forces`.
 
     It is linear in accelerations and quadratic in rates. A difference of `tree_forces` with and without
     motion would lose digits where gravity dominates.
@@ -129,13 +132,16 @@ def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
 
 
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute the torques K (q - rest) (T, nv) that hold springs of stiffness (nv,) at q (T, nq)."""
+    """Compute the torques K (q - rest) (T, nv) that hold springs of stiffness (nv,) at q (T, nq).
+
+    q - rest is a tangent vector at the neutral configuration; its force is then moved to the joints at q.
+    """
     offset = difference(robot, robot.neutral, q)
     return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
-    """Compute joint torques (T, n_a) and spring forces (T, n_e) of a motion; see `balanced_forces`."""
+    """Compute joint torques (T, n_a) and spring forces (T, n_e) that balance a motion's tree forces."""
     return balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
 
 
@@ -157,8 +163,9 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m): [w; lambda]
-    of_tree, of_motors = balancing[0], balancing[1:]
+    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m)
+    of_tree = balancing[0]  # [w; lambda_0]
+    of_motors = balancing[1:]  # [M; Lambda], transposed
     w = of_tree[:, : robot.n]  # (T, n)
     M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
 
@@ -224,7 +231,7 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
 
 
 def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
-    """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
+    """Compute the derivatives of the open tree's forces by q, v and a, each (T, nv, nv).
 
     Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
     pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
@@ -259,17 +266,21 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
     # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
     changed = changes.accelerations @ mass
-    changed[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # rates change by steps of q and of v
-    changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # positions change by steps of q alone
+    rate_changes = np.stack([changes.v, dq])  # by steps of positions; dq also by unit steps of rates
+    changed[:2] += rate_changes @ by_v.swapaxes(1, 2)
+    changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions alone change positions
     return changed
 
 
 def driven_force_changes(
     robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
 ) -> Array:
-    """Compute `force_changes` (3, T, k, nv), rotors and springs included.
+    """Compute d(r - J' lambda + rotors + springs) (3, T, k, nv) for k steps.
+
+    The first axis is for steps of positions, of rates and of accelerations, see `force_changes`.
 
     Args:
+        motion: the motion about which forces are linearised.
         joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
         changes: changes of q, v and a by unit steps of k coordinates.
     """

@@ -71,7 +71,7 @@ def forward_dynamics(
             reactions of a state are the same alone and in a stack, to the last bit.
         v: (nv,) or (T, nv) [rad/s, m/s], as returned by `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches, as for `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
 
     Raises:
         InvalidInput: q or v opens the loops; an argument has the wrong shape; a frame is unknown; parts
@@ -85,11 +85,14 @@ def forward_dynamics(
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = np.zeros((count, robot.nv))
+    # the motion without accelerations, under the external wrenches
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
     unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
     solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(unaccelerated, a=solution.a)
+
+    # forces on the joints: motors less their rotors, and springs
     deflections = robot.coordinates.positions(closed.q)[:, robot.elastic]
     forces = Forces(
         joint_torque=robot.gear_ratio * torques - (robot.rotors * solution.a)[:, robot.actuated],
@@ -103,12 +106,20 @@ def forward_dynamics(
 
 @lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of motion of a robot, with working memory for one thread."""
+    """Return the equations of motion of a robot, with working memory for one thread.
+
+    Args:
+        thread: identifier of the calling thread, a key of the cache alone.
+    """
     return EquationsOfMotion.of(robot)
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding."""
+    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding.
+
+    Args:
+        closed: T configurations with closed loops.
+    """
     speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
     loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
     opening_rows = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
@@ -152,7 +163,10 @@ def forward_derivatives(
     """Compute the derivatives of `forward_dynamics`, assembled at q (nq,) with joint rates v (nv,).
 
     Args:
-        q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
+        q: assembled configuration, as returned by `assemble`; or a stack of T states (T, nq).
+        v: (nv,) or (T, nv) [rad/s, m/s] joint rates that keep the loops closed.
+        torque: (n_a,) or (T, n_a) [N m, N], motor side.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
         turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
             keep their components on base axes.
 
@@ -174,10 +188,11 @@ def forward_derivatives(
         tuple(wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
     )
     x, dx, ddx = platform_rates_of(robot, motion)
-    others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
+    # steps of x, then of the coordinates that the platform does not determine
+    others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
     force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-    d = robot.n + robot.n_e
+    d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints
     slopes = _acceleration_slopes(robot, changes, force_change, d)
     motor_slopes = _motor_slopes(robot, changes, slopes, d)
     fields = (  # in the order of ForwardDerivatives, for all T states
@@ -197,7 +212,7 @@ def _acceleration_slopes(
     The k accelerations are y" and those of the idle joints.
 
     Args:
-        changes: by unit steps of y and of the idle joints.
+        changes: changes of the motion by unit steps of y and of the idle joints.
         force_change: changes (3, T, k, nv) of the generalised forces by unit steps of k positions, rates and
             accelerations.
         d: number of coordinates y.
@@ -205,7 +220,7 @@ def _acceleration_slopes(
     motions = changes.q  # (T, k, nv) joint rates for unit rates
     by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
     by_torque = robot.gear_ratio * motions[..., robot.actuated]
-    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)
+    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)  # without steps of idle joints
     return [np.linalg.solve(inertia, right_side) for right_side in right_sides]
 
 
@@ -216,7 +231,9 @@ def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Arr
     the derivatives `slopes` of y".
 
     Args:
-        changes, d: as for `_acceleration_slopes`, which returns `slopes`.
+        changes: changes of the motion by unit steps of y and of the idle joints.
+        slopes: the result of `_acceleration_slopes`.
+        d: number of coordinates y.
     """
     by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
     motor_slopes = [by_ddy @ slope for slope in slopes]

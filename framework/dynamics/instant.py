@@ -70,7 +70,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """The wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
+        """The wrench (6,) of each closure [a, b], BY b's body ON a's at a's origin; NaN if undetermined."""
         return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
 
     @cached_property
@@ -83,7 +83,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """The wrench of each joint, BY the parent body ON the child body at the joint; NaN if undetermined.
+        """The wrench (6,) in each joint, BY the parent ON the child body at the joint; NaN if undetermined.
 
         The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
         a coupling.
@@ -117,7 +117,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """The platform's twist v (n,), see `kinematics.platform`.
+        """The platform's twist v (n,) [m/s, rad/s]: on its axes.
 
         For a platform with several axes of rotation the twist is not dx/dt.
         """
@@ -138,7 +138,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def velocity_matrix_rates(self) -> VelocityMatrices:
-        """Time derivatives of A, B and C, see `matrices_and_rates`."""
+        """The time derivatives of A, B and C along the motion."""
         _matrices, rates = matrices_and_rates(self.robot, self._motion)
         return VelocityMatrices(*map(self._unstack, rates))
 
@@ -176,7 +176,7 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
         motion: T instants; its arrays become read-only.
         r: (T, nv) forces of the open tree [N m or N]; becomes read-only.
         forces: forces of motors and springs, in balance with r.
-        entry: index of the instants in the stack, see `entry_of`.
+        entry: index of the results: 0 for one configuration, all for a stack.
     """
     freeze((motion, r))
     return Instant(
@@ -207,7 +207,7 @@ class LoopLoads(NamedTuple):
     position: Array  # (T, rows, 3) [m] position of that origin
     displacement: Array  # (T, rows, 3) [m] from the origin of the first frame to that of the second
     multipliers: Array  # (T, rows) lambda of least norm
-    free: Array  # (T, rows, rows) whose rows span the null space of J'; some are zeros
+    null_space: Array  # (T, rows, rows) multipliers: rows span the null space of J', filled up with zero rows
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint: (T, 6) ON the body, at the frame's origin, base axes
@@ -259,24 +259,26 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     alone, and zero otherwise.
 
     Args:
+        linearised: the loop equations at the T configurations.
         r: forces of the open tree.
         joint_torque: tau_joint (T, n_a).
     """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
-    wrench = linearised.loops.wrench
+    wrench = linearised.loops.wrench  # (T, rows, 6) of unit multipliers, at the second frames' origins
     position = frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]  # (rows, nv)
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]  # (T, 6, columns)
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
-    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
+    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]  # couplings have no wrench
 
+    # solve in radians and robot lengths, so that the rank and the least norm do not depend on units
     loop_forces = r[:, columns].copy()  # J' lambda
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths
-    scaled_jacobian = jacobian * scale / lengths[:, None]  # in radians and robot lengths
-    multipliers, free = _least_multipliers(scaled_jacobian, loop_forces * scale)
+    scaled_jacobian = jacobian * scale / lengths[:, None]
+    multipliers, null_space = _least_multipliers(scaled_jacobian, loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
-    return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
+    return LoopLoads(wrench, position, displacement, multipliers / lengths, null_space / lengths)
 
 
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
@@ -289,7 +291,7 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
         J: (T, rows, f).
 
     Returns:
-        lambda, and an array (T, rows, rows) whose nonzero rows span the null space of J'.
+        lambda (T, rows), and an array (T, rows, rows) whose nonzero rows span the null space of J'.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]
@@ -302,10 +304,13 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) of each closure, by name, from the loads of the loops; NaN if indeterminate.
+    """Compute the wrench (T, 6) of each closure, by name; NaN if indeterminate.
 
     A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
     closure's unit wrenches times their multipliers.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
     wrenches = {}
@@ -314,7 +319,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
         rows = slice(first_row, first_row + len(closure.axes))
         first_row = rows.stop
         wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        free = loops.free[:, :, rows] @ unit_wrenches[:, rows]
+        free = loops.null_space[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
         wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
     return wrenches
 
@@ -323,10 +328,13 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
 
     The torque on the second joint is minus the ratio times this torque.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     rows = np.flatnonzero(robot.rows.coupled)
     # largest component of a null-space vector at each coupling (T, couplings)
-    freedom = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
+    freedom = np.abs(loops.null_space[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
     torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
     names = [coupling.name for coupling in robot.description.couplings]
     return dict(zip(names, torque.T, strict=True))
@@ -337,11 +345,14 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
 
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
     open tree, less the loop wrenches and external wrenches on all bodies that the joint carries.
+
+    Args:
+        loops: unit wrenches and multipliers of all loop equations.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins
 
-    # which joint carries which body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
+    # whether a joint carries a body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
     first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
     carried_by_joint = np.insert(tree_columns(robot).carried[:, first_columns], 0, 1.0, axis=1)
     bodies, rows = scratch_of(robot).bodies, robot.rows
@@ -354,8 +365,8 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
 
-    # the wrench in joint j of each null-space vector k: sum over rows m
-    free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
+    # the wrench in joint j by null-space vector k: the sum over rows m of sign, multiplier and unit wrench
+    free = np.einsum("mj,tkm,tmi->tjki", signs, loops.null_space, about_base)
     free = move_wrench(free, -position[:, :, None])
     return {
         str(model.names[j]): _mark_indeterminate(robot, reactions[:, j], free[:, j])
@@ -389,5 +400,6 @@ def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Arr
         free: wrenches (T, k, 6) of k unit vectors in the null space.
     """
     moment_arms = np.repeat([1.0, robot.length], 3)  # convert moments to forces
+    # (T, 6) largest component of a null-space vector, as a moment like the multipliers in robot lengths
     freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length
     return np.where(freedom > RANK_ROUNDING, np.nan, wrench)

@@ -74,9 +74,9 @@ from framework.tolerances import (
 
 GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # numbers of nodes per panel, tried in turn
-FEW = 20  # nodes per panel, tried before SIZES if the law has panels of its own
-UNSETTLED = 1e-2  # relative change of the deflections by one more pass, above which they are discarded
-STALLED = 0.5  # ratio of this change on two successive grids, above which finer grids do not help
+FEWEST_NODES = 20  # per panel, tried before SIZES if the law has panels of its own
+MAX_USABLE_CHANGE = 1e-2  # relative, of the deflections by one more pass; above, they are discarded
+STALLED_RATIO = 0.5  # ratio of this change on two successive grids, above which finer grids do not help
 
 
 def inverse_dynamics(
@@ -98,7 +98,7 @@ def inverse_dynamics(
             elastic robots.
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
-        wrenches: external wrenches by URDF link or joint, see `plan_crossing`.
+        wrenches: external wrenches along the path by URDF link or joint, in the forms of `plan_crossing`.
 
     Raises:
         InvalidInput: geometry, friction or a frame is unknown; the law leaves [0, 1] or is not finite; the
@@ -125,8 +125,10 @@ def resolve_law(
     Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`).
 
     Args:
+        searched: the path with its singular points.
         geometry: "rigid" or "deformed".
-        tolerance, friction: as for `inverse_dynamics`.
+        tolerance: tail of the torques that counts as resolved.
+        friction: "driven" adds the dry friction of driven joints, "none" does not.
 
     Raises:
         NoAnswer: as `inverse_dynamics`.
@@ -195,7 +197,9 @@ def resolve(
     Args:
         choose_law: a function of the deflections and of the previous law that returns the law to follow. For
             None and None it returns the law for springs at rest.
-        geometry, tolerance, friction: as for `resolve_law`.
+        geometry: "rigid" or "deformed".
+        tolerance: tail of the torques that counts as resolved.
+        friction: "driven" adds the dry friction of driven joints, "none" does not.
         known: known deflections; None to solve for the deflections.
 
     Raises:
@@ -216,38 +220,44 @@ def resolve(
         crossings_at_rest=crossings,
         crossings=crossings,
     )
-    unseen: NearMiss | None = None
-    sizes = (FEW, *SIZES) if len(edges_of(law)) else SIZES
+    unseen: NearMiss | None = None  # near miss that the last grid did not resolve
+    sizes = (FEWEST_NODES, *SIZES) if len(edges_of(law)) else SIZES
     for size in sizes:
-        state = refinement.solve(size)
-        if state.change > UNSETTLED:
-            if not state.is_settled:
+        # motion and forces on the grid; without usable deflections there is no result
+        solution = refinement.solve(size)
+        if solution.change > MAX_USABLE_CHANGE:
+            if not solution.is_settled:
                 break
             continue
-        result = refinement.evaluate(state)
+
+        # series of torques and deflections, with the tail that decides whether the grid is fine enough
+        result = refinement.evaluate(solution)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
             if refinement.is_hopeless:
                 break
             continue
-        result = replace(result, certificate=measure_residuals(searched.branch, state, result))
+
+        # on a grid that is fine enough, or the finest: check the equations between the nodes
+        result = replace(result, certificate=measure_residuals(searched.branch, solution, result))
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
-        if is_resolved and is_closed and _law_is_resolved(state.law, state.grid):
-            unseen = unseen_near_miss(searched, state, result)
+        if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
+            unseen = unseen_near_miss(searched, solution, result)
             if unseen is None:
-                return _check_result(searched.branch, state, result, friction)
+                return _check_result(searched.branch, solution, result, friction)
+
     # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
     if known is None:  # a pole with known deflections proves nothing: others may have bounded torques
         check_bounded(robot, refinement.crossings, refinement.allowed_residual)
-    if min(state.change, least) > RESOLVABLE_TAIL:
-        raise unsettled_error(robot, state)
+    if min(solution.change, least) > RESOLVABLE_TAIL:
+        raise unsettled_error(robot, solution)
     raise unresolved_error(searched, result, tolerance, size=size, enough=least, unseen=unseen)
 
 
 @dataclass
 class _Refinement:
-    """The state of the computation between grids: the results so far.
+    """The solution of the computation between grids: the results so far.
 
     The first five fields are arguments of `resolve`.
     """
@@ -277,12 +287,12 @@ class _Refinement:
         """Whether finer grids will not reduce the change of the deflections to the tolerance.
 
         With known deflections no grid changes them. Otherwise the change has stalled if neither of the last
-        two grids has reduced it by the factor STALLED.
+        two grids has reduced it by the factor STALLED_RATIO.
         """
         changes = [certificate.change for certificate in self.certificates]
         if changes[-1] <= self.tolerance:
             return False
-        has_stalled = len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
+        has_stalled = len(changes) > 2 and min(changes[-2:]) > STALLED_RATIO * changes[-3]
         return self.known is not None or has_stalled
 
     def solve(self, size: int) -> DeflectionSolution:
@@ -300,9 +310,9 @@ class _Refinement:
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:
-                state = assess_deflections(branch, grid, self.law, self.known)
+                solution = assess_deflections(branch, grid, self.law, self.known)
             else:
-                state = solve_deflections(
+                solution = solve_deflections(
                     branch,
                     grid,
                     self.choose_law,
@@ -321,8 +331,8 @@ class _Refinement:
                 f"this motion; use stiffer springs or geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
-        self.passes += state.passes
-        return state
+        self.passes += solution.passes
+        return solution
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
         """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
@@ -338,37 +348,42 @@ class _Refinement:
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
-        """Return the result on one grid.
+    def evaluate(self, solution: DeflectionSolution) -> InverseDynamics:
+        """Return the result on one grid, and store its certificate and crossings for the next grid.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
         time.
+
+        Args:
+            solution: motion, forces and deflections on the nodes of the grid.
         """
-        branch, grid, motion = self.searched.branch, state.grid, state.motion
+        branch, grid, motion = self.searched.branch, solution.grid, solution.motion
         robot = branch.robot
-        torques = grid.fit(motor_torque(robot, motion, state.forces.joint_torque))
-        q, s = motion.q, state.law(grid.times)
+        torques = grid.fit(motor_torque(robot, motion, solution.forces.joint_torque))
+        q = motion.q
+        s = solution.law(grid.times)
         if not branch.is_continued(s).any():  # continued configurations already spin smoothly
             q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
         offsets = difference(robot, branch.origin, q)
+        # (T, nv) coordinates of all joints, counted from the neutral configuration
         joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
         certificate = Certificate(
             nodes=len(grid.times),
-            tail=_largest_tail(robot, grid, state, torques),
+            tail=_largest_tail(robot, grid, solution, torques),
             passes=self.passes,
-            change=state.change,
+            change=solution.change,
             end_speed=_end_speed(robot, motion.v),
-            monotone=bool(np.all(np.diff(s) > -1e-14)),
+            monotone=bool(np.all(np.diff(s) > -1e-14)),  # but for rounding of s
         )
         result = InverseDynamics(
             robot=robot,
             path=branch.path,
-            law=state.law,
+            law=solution.law,
             geometry=self.geometry,
             torques=torques,
             motor_angles=grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated]),
-            deflections=state.deflections,
+            deflections=solution.deflections,
             deflection_rates=(grid.fit(motion.v[:, robot.elastic]), grid.fit(motion.a[:, robot.elastic])),
             offsets=grid.fit(offsets),
             origin=branch.origin,
@@ -383,12 +398,13 @@ class _Refinement:
 
 
 def _check_result(
-    branch: Branch, state: DeflectionSolution, result: InverseDynamics, friction: str
+    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, friction: str
 ) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
-        state: motion and forces on the nodes of the grid.
+        solution: motion and forces on the nodes of the grid.
+        result: the series through them.
         friction: "driven" or "none".
 
     Raises:
@@ -396,8 +412,8 @@ def _check_result(
     """
     robot = branch.robot
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
-    check_crossings(robot, state, result)
-    certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, state, result))
+    check_crossings(robot, solution, result)
+    certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, solution, result))
     planned_friction = PlannedFriction.from_speed(
         motor_friction(robot, friction),
         lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
@@ -412,7 +428,7 @@ def check_law(law: MotionLaw) -> None:
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
         raise InvalidInput(f"law: duration must be a positive number of seconds, got {duration!r}")
-    s = np.asarray(law(np.linspace(0.0, duration, 257)), dtype=float)
+    s = np.asarray(law(np.linspace(0.0, duration, 257)), dtype=float)  # enough to see a law leave the path
     if s.shape != (257,) or not np.all(np.isfinite(s)):
         raise InvalidInput("law: must give one finite s for each t")
     if s.min() < -OVERSHOOT or s.max() > 1 + OVERSHOOT:
@@ -422,42 +438,49 @@ def check_law(law: MotionLaw) -> None:
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     """Return whether the series through the law's values at the nodes of a grid agrees with the law.
 
-    The derivatives of a user's own law are compared with those of the series.
+    If it does, the derivatives of a user's own law are compared with those of the series.
 
     Raises:
         InvalidInput: a derivative of the law is not that of the series.
     """
     if isinstance(law, ExactLaw):
         return True  # a law of this package; the closure error between nodes checks it, too
-    times = np.linspace(0.0, law.duration, 16 * len(grid.times))
+    times = np.linspace(0.0, law.duration, 16 * len(grid.times))  # also between the nodes
     values = np.asarray(law(grid.times))[:, None]
     series_values = grid.fit(values)(times)[:, 0]
     if np.abs(law(times) - series_values).max() > SAME_PLACE:
         return False
     for order, derivative in enumerate(grid.differentiate(values), start=1):
-        difference = np.abs(np.asarray(law(grid.times, order)) - derivative[:, 0]).max()
-        if not difference <= WRONG_DERIVATIVE * max(np.abs(derivative).max(), law.duration**-order):
+        error = np.abs(np.asarray(law(grid.times, order)) - derivative[:, 0]).max()
+        # if the derivative vanishes, its scale is that of a mean value
+        scale = max(np.abs(derivative).max(), law.duration**-order)
+        if not error <= WRONG_DERIVATIVE * scale:  # also for NaN
             raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
     return True
 
 
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     """Compute the tail of a function of k components, without components below `rounding` (k,)."""
-    size = np.abs(function.coefficients).max(axis=(0, 1))  # coefficients: (panels, nodes, k)
+    size = np.abs(function.coefficients).max(axis=(0, 1))  # (k,) from (panels, nodes, k)
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
 def _largest_tail(
-    robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
+    robot: ParallelRobot, grid: TimeGrid, solution: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
-    """Compute the larger of the tails of the motor torques and of the caused deflections."""
+    """Compute the larger of the tails of the motor torques and of the caused deflections.
+
+    Args:
+        solution: the pass or solution with the deflections and the law.
+        torques: motor torques (n_a) [N m] as a function of time.
+    """
     # torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy
-    kinetic_energy = robot.mass * (robot.length / state.law.duration) ** 2
+    kinetic_energy = robot.mass * (robot.length / solution.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
     return max(
         _tail_above_rounding(torques, torque_rounding),
-        _tail_above_rounding(grid.fit(state.caused), deflection_rounding),
+        _tail_above_rounding(grid.fit(solution.caused), deflection_rounding),
     )
 
 

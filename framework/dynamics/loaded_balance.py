@@ -59,7 +59,7 @@ class LoadedBalance(NamedTuple):
     prescribed: DeflectedMotion
     motion: Motion
     F: Array  # (T, n_e) Y' load
-    size: float  # the largest entry of the load
+    size: float  # the largest entry of the load r + K l, in spring units; F is compared with it
     Y: Array  # (T, f, n_e) orthonormal
     multipliers: Array  # (T, m) of the loop equations, of unit size
     wrenches: ExternalWrenches
@@ -107,16 +107,20 @@ def evaluate_balance(
 
     Args:
         prescribed: platform coordinates and deflections, with their rates and accelerations.
-        near: configurations (T, nq) from which Newton's method closes the loops.
-        stiffer: factor by which the springs are stiffer than those of the robot.
+        near: configurations (T, nq) near the result. With the prescribed deflections they are the first guess
+            for closing the loops.
+        wrenches: external wrenches along the path.
+        stiffer: factor by which the springs are stiffer than those of the robot. A solution with stiff
+            springs is easy to find, and leads to the solution of the robot by continuation.
 
     Raises:
         NotAssembled: the loops do not close with these deflections.
     """
-    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]  # (T, n_e) deflections at `near`
+    # replace the deflections of `near` (T, n_e) by the prescribed ones
+    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]
     guess = integrate_columns(robot, near, robot.elastic, prescribed.l - l_near)
     closed = close_loops(robot, prescribed.x, guess)
-    motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)
+    motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)  # r + K l (T, nv)
     load, multipliers, Y = _split_load(robot, motion, forces)
     F = matvec(Y.swapaxes(1, 2), load)
     size = float(np.abs(load).max())
@@ -148,6 +152,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     """Compute derivatives (T, f, orders n_e) of r + K l - J' lambda by deflections, in spring units.
 
     Args:
+        balance: the balance at which derivatives are taken.
         orders: 1 for deflections alone; 3 for deflections, their rates and their accelerations.
     """
     columns, units = locked_columns(robot)
@@ -192,6 +197,9 @@ def motion_and_load(
     """Compute the motion of all joints in closed loops, and the load r + K l (T, nv).
 
     Args:
+        prescribed: rates of platform and deflections, and the deflections l.
+        closed: configurations with these deflections.
+        wrenches: external wrenches along the path.
         stiffer: factor of the robot's spring stiffness.
     """
     rates = (prescribed.dl, prescribed.ddl) if robot.elastic_inertia else ()

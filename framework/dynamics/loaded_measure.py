@@ -39,21 +39,21 @@ class LoadedPoint(NamedTuple):
 
 
 def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
-    """Compute F_l (T, n_e, n_e) at instants t (T,) of a deformed robot's motion, over its stiffness.
+    """Compute the tangent F_l = dF/dl (T, n_e, n_e) at instants t (T,) [s], over the springs' stiffness.
 
-    F_l is in units of the springs. It is multiplied from the left by a regular matrix that makes it smooth
-    in t.
+    F is the balance of the deflections l along the motion of a deformed robot. F_l is in units of the
+    springs. It is multiplied from the left by a regular matrix that makes it smooth in t.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
     robot = result.robot
-    s = law_derivatives(result.law, t)
+    s = law_derivatives(result.law, t)  # s and two time derivatives, (T,) each
     deflections = [result.deflection(t, order) for order in range(3)]
     prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
     balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)
     Y = balance.Y
-    F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, 1)
+    F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, orders=1)
     stiffness = float((robot.stiffness * spring_units(robot) ** 2).max())
     # the basis Y may jump between instants: Y_0' Y refers all to the basis Y_0 of the middle one
     return Y[len(t) // 2].T @ Y @ F_l / stiffness
@@ -68,13 +68,16 @@ def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     if result.geometry == "rigid" or not result.robot.n_e:
         return None
     times = np.array([crossing.time for crossing in result.crossings])
-    others = times[np.abs(times - time) > SAME_PLACE * result.duration]
-    longest = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)  # step [s]
+    others = times[np.abs(times - time) > SAME_PLACE * result.duration]  # instants of the other crossings
+    longest_step = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)  # [s]
     try:
-        root = root_of_g(lambda t: loaded_tangent(result, t), time, high=result.duration, longest=longest)
+        root = root_of_g(
+            lambda t: loaded_tangent(result, t), time, high=result.duration, longest=longest_step
+        )
     except NoAnswer:
         return None
-    if not root.converged or np.abs(others - root.place).min(initial=np.inf) <= abs(root.place - time):
+    distance_to_others = np.abs(others - root.place).min(initial=np.inf)  # [s]
+    if not root.converged or distance_to_others <= abs(root.place - time):
         return None
     geometric, loaded = result.platform(np.array([time, root.place]))
     offset, translations = loaded - geometric, result.robot.translations

@@ -28,10 +28,10 @@ from framework.dynamics.stiffness import (
     require_springs,
 )
 from framework.dynamics.tangent_stiffness import (
-    Balance,
+    EquilibriumResiduals,
     Load,
-    balance,
     check_wrench,
+    evaluate_equilibrium,
     moving_columns,
     tangent_stiffness,
 )
@@ -126,7 +126,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     is too short to be halved.
 
     Args:
-        wrench: external wrench (n,) ON the platform, see `platform_stiffness`.
+        wrench: external wrench (n,) [N, N m] ON the platform, on its axes; None for weight alone.
 
     Raises:
         InvalidInput: the robot has no springs, or the wrench has no potential.
@@ -137,8 +137,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         share=np.zeros(len(q)),
         preload=spring_torques(robot, q, robot.all_stiffness),  # in balance without load
     )
-    unloaded = balance(robot, q, load)
-    rate, _ = _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)
+    unloaded = evaluate_equilibrium(robot, q, load)
+    rate, _ = _curve_tangents(unloaded.H, unloaded.slope_by_share, unloaded.null_space)
     current = _Points(q.copy(), load.share, rate)
     step = np.full(len(q), MAX_STEP)
     reason = np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
@@ -146,6 +146,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     for _ in range(MAX_STEPS):
         if not len(live):
             break
+        # a step of each configuration; accepted ones move on
         start, live_load = select(current, live), load.select(live)
         ends = _take_steps(robot, start, live_load, step[live])
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
@@ -166,7 +167,11 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
-    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue."""
+    """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue.
+
+    Args:
+        ends: the ends of the steps, accepted or not.
+    """
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
     reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
@@ -180,10 +185,11 @@ def _loaded_stack(
 ) -> LoadedStack:
     """Return the stack reached from q (T, nq), with stiffness under load.
 
-    A load carried in another assembly mode than that of q changes its `reason` (T,) to OTHER_MODE.
+    Where the assembly mode at the end differs from that of q, `reason` (T,) is changed in place from CARRIED
+    to OTHER_MODE.
     """
     end = linearised_at(robot, reached.q, None)
-    _, start_sign = mode_signs(robot, linearised_at(robot, q, None))  # of the assembly mode
+    _, start_sign = mode_signs(robot, linearised_at(robot, q, None))  # (T,) of the assembly mode
     _, end_sign = mode_signs(robot, end)
     is_other_mode = end_sign != start_sign
     reason[is_other_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
@@ -192,29 +198,37 @@ def _loaded_stack(
     return LoadedStack(reached.q, reason, reached.share, free)
 
 
-def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
+def _curve_tangents(H: Array, slope_by_share: Array, null_space: Array) -> tuple[Array, BoolArray]:
     """Compute the tangents (T, f), and whether the stiffness H is positive definite (T,).
 
-    A tangent is the derivative dq/dshare = null dz/dshare of the moving joints. On the null space of the
-    closures H dz/dshare = -drive is solved by the eigenvalues of H, with a lower bound at rounding.
+    A tangent is the derivative dq/dshare = Z dz/dshare of the moving joints, where z solves
+    H dz/dshare = -slope_by_share. Eigenvalues of H below rounding are replaced by rounding, which keeps the
+    tangents finite at folds.
 
     Args:
-        H, drive, null: fields of `Balance`.
+        H: (T, d, d) tangent stiffness along the steps Z.
+        slope_by_share: (T, d) derivative by the share of the energy's slope along Z.
+        null_space: (T, f, d) orthonormal steps Z that keep the loops closed.
     """
     values, vectors = np.linalg.eigh(H)  # (T, d) ascending, (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
     divisors = np.where(np.abs(values) > rounding, values, rounding)
-    components = matvec(vectors.swapaxes(1, 2), drive) / divisors
-    rate = matvec(vectors, components)  # -dz/dshare
-    return -matvec(null, rate), values[:, 0] > rounding[:, 0]
+    components = matvec(vectors.swapaxes(1, 2), slope_by_share) / divisors
+    z_rate = -matvec(vectors, components)  # dz/dshare
+    return matvec(null_space, z_rate), values[:, 0] > rounding[:, 0]
 
 
 def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _StepEnds:
     """Find the equilibria one step (T,) [rad, lengths] further on the curve.
 
-    A step ends at the whole load if that is nearer. If the curve leads beyond the whole load, the next step
-    leads back. A step is straight, without a fold, if the gain of the share agrees with the mean of the
-    slopes at both ends, times the length of the step. The slope is that of the share along the tangent.
+    A step ends at the whole load if that is nearer. If the corrected share exceeds 1, the next step leads
+    back to 1. A step is straight, without a fold, if the gain of the share agrees with the mean of the slopes
+    at both ends, times the length of the step. The slope is that of the share along the tangent.
+
+    Args:
+        start: the points at which the steps begin.
+        load: the load on these configurations.
+        step: largest entry of each step.
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)
@@ -244,7 +258,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     """
     remaining = 1.0 - start.share
     size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)  # of a step to the whole load
-    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share
+    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share; no 0 / 0
     motion = start.rate * (remaining * fraction)[:, None]
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     tangent = motion / np.where(length > 0.0, length, 1.0)
@@ -259,6 +273,7 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
     A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
     It gets one more iteration, to rounding, because the tangent of a soft robot needs this accuracy. A step
     whose corrections are large beside the step itself is given up, since it may lead to another branch.
+    Each iteration changes the rows of the steps that are not yet finished in place.
     """
     end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
     length = np.linalg.norm(ahead.step, axis=1)
@@ -266,8 +281,10 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
     was_small, converged, is_stable = np.zeros((3, len(length)), dtype=bool)
     live = np.arange(len(length))  # indices of the steps still corrected
     for _ in range(MAX_ITERATIONS):
-        state = balance(robot, end.q[live], load.select(live)._replace(share=end.share[live]))
-        step, gain = _newton_step(state, ahead.tangent[live], ahead.is_whole[live])
+        residuals = evaluate_equilibrium(
+            robot, end.q[live], load.select(live)._replace(share=end.share[live])
+        )
+        step, gain = _newton_step(residuals, ahead.tangent[live], ahead.is_whole[live])
 
         size = np.abs(step).max(axis=1)
         correction[live] += size
@@ -283,7 +300,7 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
         was_small[live] = is_small
         converged[live[done]] = True
         end.rate[live[done]], is_stable[live[done]] = _curve_tangents(
-            state.H[done], state.drive[done], state.null[done]
+            residuals.H[done], residuals.slope_by_share[done], residuals.null_space[done]
         )
         live = live[on_branch & ~done]
         if not len(live):
@@ -291,44 +308,52 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
     return _Corrected(end, length, converged, is_stable)
 
 
-def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[Array, Array]:
+def _newton_step(residuals: EquilibriumResiduals, tangent: Array, is_whole: BoolArray) -> tuple[Array, Array]:
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share.
 
-    On the null space of the closures it solves [H drive; border' 0] [dz; dshare] = [-slope; 0] with the
-    tangent as the border. For a step to the whole load the last row is dshare = 0.
+    With steps Z that keep the loops closed, it solves H dz + slope_by_share dshare = -energy_slope and
+    (Z' tangent) . dz = 0, a step across the tangent. For a step to the whole load the second equation is
+    dshare = 0.
 
     Args:
-        state: the distance from balance at the last iterate.
+        residuals: residuals and derivatives at the last iterate.
         tangent: unit vectors (T, f) along the curve.
         is_whole: whether (T,) the step leads to the whole load.
     """
-    border = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    first_rows = [state.H, state.drive[:, :, None]]
-    last_row = [border[:, None], is_whole[:, None, None]]
-    right_side = np.append(-state.slope, np.zeros((len(border), 1)), axis=1)
+    tangent_of_z = matvec(residuals.null_space.swapaxes(1, 2), tangent)  # (T, d) Z' tangent
+    border = np.where(is_whole[:, None], 0.0, tangent_of_z)
+    first_rows = [residuals.H, residuals.slope_by_share[:, :, None]]
+    last_row = [border[:, None], is_whole[:, None, None]]  # [0 1] for the whole load
+    right_side = np.append(-residuals.energy_slope, np.zeros((len(border), 1)), axis=1)
     with np.errstate(all="ignore"):  # a singular system gives infinite steps, which end the iteration
         solution = solve(np.block([first_rows, last_row]), right_side)
         dz, dshare = solution[:, :-1], solution[:, -1]
-        return state.closing + matvec(state.null, dz), dshare
+        return residuals.closing_step + matvec(residuals.null_space, dz), dshare
 
 
 def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
-    """Find the turning points of the share on the curves ahead of the points `start`."""
+    """Find the turning points of the share, where the robot snaps through, on the curves ahead of `start`.
+
+    Args:
+        start: points on the curves, in front of the turning points.
+        load: the load that grows.
+    """
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Evaluate F (T, f) at q and share: the energy's slope along the null space Z, loop errors across Z.
+        """Evaluate F (T, f) at q and share: the energy's slope along Z, minus the closing step across Z.
 
-        Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is the scaled stiffness
-        along Z and the identity across Z: 1 + Z (H / size - 1) Z'.
+        Z are the steps that keep the loops closed. Slope and stiffness H are divided by the largest entry of
+        H. The Jacobian of F is the scaled stiffness along Z and the identity across Z: 1 + Z (H / largest -
+        1) Z'.
         """
-        state = balance(robot, q, load._replace(share=share))
-        size = np.abs(state.H).max(axis=(1, 2))[:, None]
-        null = state.null
-        along_null = state.H / size[:, None] - np.eye(null.shape[2])
-        matrix = np.eye(null.shape[1]) + matmul(null, matmul(along_null, null.swapaxes(1, 2)))
-        by_share = matvec(null, state.drive / size)  # derivative of F by the share
-        F = matvec(null, state.slope / size) - state.closing
-        return CurveEquations(matrix, by_share, F, state.linearised)
+        residuals = evaluate_equilibrium(robot, q, load._replace(share=share))
+        largest = np.abs(residuals.H).max(axis=(1, 2))[:, None]  # (T, 1)
+        Z = residuals.null_space
+        along_Z = residuals.H / largest[:, None] - np.eye(Z.shape[2])
+        jacobian = np.eye(Z.shape[1]) + matmul(Z, matmul(along_Z, Z.swapaxes(1, 2)))
+        by_share = matvec(Z, residuals.slope_by_share / largest)  # derivative of F by the share
+        F = matvec(Z, residuals.energy_slope / largest) - residuals.closing_step
+        return CurveEquations(jacobian, by_share, F, residuals.linearised)
 
     motors_at_rest = np.zeros((len(start.q), robot.nv))
     curves = Curves(robot, moving_columns(robot), motors_at_rest, evaluate)

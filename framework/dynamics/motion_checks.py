@@ -49,40 +49,44 @@ from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
 
 
-def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
+def measure_residuals(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> Certificate:
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
+    The largest gap compares the numbers of all loop equations, in m or rad.
+
     Args:
-        state: motion and forces on the nodes of the grid.
+        solution: motion and forces on the nodes of the grid.
         result: the series through them.
 
     Raises:
-        NotAssembled: a loop equation that was left out as redundant is open on a node.
+        NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
     """
     robot = branch.robot
-    _check_dropped_rows(robot, state)
-    times = _check_instants(robot, state.grid.times)
-    closed, motion = evaluate_motion(branch, result, times)
-    torques = state.grid.fit(state.forces.joint_torque)(times)
+    _check_dropped_rows(robot, solution)
+    times = _choose_check_instants(robot, solution.grid.times)
+    poses, motion = evaluate_motion(branch, result, times)
+    torques = solution.grid.fit(solution.forces.joint_torque)(times)
     residual = _residual_torques(robot, motion, torques)
-    residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
+    # the load of an idle joint is no error of the series: `check_idle_joints` limits it
+    residual[:, robot.structure.idle] = 0.0
     gaps = (
-        state.motion.linearised.loops.residual,  # on the nodes
-        closed.linearised.loops.residual,
-        closed.linearised.residual[:, : robot.n],  # of the platform
+        solution.motion.linearised.loops.residual,  # on the nodes
+        poses.linearised.loops.residual,  # at `times`
+        poses.linearised.residual[:, : robot.n],  # of the platform equations, at `times`
     )
     return replace(
         result.certificate,
         max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
         max_residual_torque=float(np.abs(residual).max()),
-        rounded_gap=_rounded_gap(robot, state.motion.q),
+        rounded_gap=_rounded_gap(robot, solution.motion.q),
     )
 
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
-    """Compute the largest gap [m or rad] of rounded loops along q (T, nq).
+    """Compute the largest gap [m or rad] of rounded loop equations along q (T, nq).
 
-    A rounded loop repeats other loop equations at the reference, up to the rounding of numbers in the file.
+    A rounded equation repeats others at the reference, up to the rounding of numbers in the file. Such
+    equations are left out of the computation of the motion.
 
     Raises:
         NotAssembled: the gap is larger than rounding explains.
@@ -99,14 +103,14 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     return gap
 
 
-def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
+def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
     No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
     same order of magnitude.
 
     Args:
-        state: motion and forces on the nodes of the grid.
+        solution: motion and forces on the nodes of the grid.
         result: the series through them.
 
     Raises:
@@ -115,9 +119,9 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
     robot, idle = branch.robot, branch.robot.structure.idle
     if not len(idle):
         return 0.0
-    times = _check_instants(robot, state.grid.times)
-    _closed, motion = evaluate_motion(branch, result, times)
-    torques = state.grid.fit(state.forces.joint_torque)(times)
+    times = _choose_check_instants(robot, solution.grid.times)
+    _poses, motion = evaluate_motion(branch, result, times)
+    torques = solution.grid.fit(solution.forces.joint_torque)(times)
     loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
 
     # find the largest load, with forces of sliding joints converted to moments
@@ -158,7 +162,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
 
 
-def _check_instants(robot: ParallelRobot, nodes: Array) -> Array:
+def _choose_check_instants(robot: ParallelRobot, nodes: Array) -> Array:
     """Return instants (T,) [s] half-way between the nodes and, with idle joints, the nodes too.
 
     On the nodes the equations of all joints but the idle ones hold by construction, so that nodes check the
@@ -169,41 +173,53 @@ def _check_instants(robot: ParallelRobot, nodes: Array) -> Array:
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the result's series at instants (T,) [s]: poses, and the motion that causes the forces.
+    """Evaluate the result's series at instants (T,) [s].
 
     The loops are not closed again, so that poses and motion have the errors of the series. With rigid
     geometry the motion is that of the undeformed robot, and its loops are closed.
+
+    Returns:
+        The poses, deflections included, and the motion that causes the forces.
     """
-    robot, s = branch.robot, law_derivatives(result.law, times)
+    robot = branch.robot
+    s = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
     x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)
-    closed = ClosedStack(q, x, linearised_at(robot, q, x))
+    poses = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":
         motion = motion_at(robot, branch.close(s[0]), dx, ddx)
     else:
-        motion = motion_at(robot, closed, dx, ddx, *rates)
-    return closed, branch.load_motion(motion, s[0])
+        motion = motion_at(robot, poses, dx, ddx, *rates)
+    return poses, branch.load_motion(motion, s[0])
 
 
-def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
-    """Raise NotAssembled if a loop equation that was left out as redundant is open on a node of `state`."""
+def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> None:
+    """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
+
+    At the reference such an equation follows from the others. It may not do so elsewhere.
+
+    Args:
+        solution: motion on the nodes of the grid.
+    """
     dropped = robot.structure.dropped
     if not len(dropped):
         return
-    residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
+    residual = solution.motion.linearised.loops.residual  # (T, rows) of all loop equations
+    # in radians and robot lengths
     scaled_gaps = np.abs(residual[:, dropped]) / robot.row_lengths[dropped]
     instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
     if scaled_gaps[instant, k] <= LOOP_GAP:
         return
-    row = dropped[k]
+
+    row = dropped[k]  # its index among all loop equations
     gap = float(abs(residual[instant, row]))
     unit = "rad" if robot.rows.rotation[row] else "m"
     raise NotAssembled(
         f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
-        f"open by {gap:.3g} {unit} at t = {state.grid.times[instant]:.6g} s: this motion tears the loop; "
+        f"open by {gap:.3g} {unit} at t = {solution.grid.times[instant]:.6g} s: this motion tears the loop; "
         f"give a reference on the motion's own way",
-        q=state.motion.q[instant],
+        q=solution.motion.q[instant],
         residual=gap,
     )
 
@@ -211,8 +227,8 @@ def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
     """Compute the generalised forces (T, nv) missing for balance.
 
-    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see this file's
-    docstring). Elastic columns are zero.
+    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see the
+    header). Elastic columns are zero.
 
     Args:
         torque: motor torques (T, n_a), joint side.
@@ -220,34 +236,34 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     linearised, columns, idle = motion.linearised, robot.moving, robot.structure.idle
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, linearised, r, torque)
-    w, loop_multiplier = multipliers[:, : robot.n], multipliers[:, robot.n :]
+    w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(r)
     residual[:, columns] = np.einsum("tn,tnv->tv", w, linearised.platform[:, :, columns])  # X' w
-    loop_forces = np.einsum("tm,tmv->tv", loop_multiplier, linearised.closures[:, :, idle])  # J' lambda
+    loop_forces = np.einsum("tm,tmv->tv", lambda_, linearised.closures[:, :, idle])  # J' lambda
     residual[:, idle] = r[:, idle] - loop_forces
     return residual
 
 
 def unseen_near_miss(
-    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
+    searched: SearchedPath, solution: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
     """Find the first near miss at which the torques differ from their series, if any.
 
     Args:
-        state: motion and forces on the nodes of the grid.
+        solution: motion and forces on the nodes of the grid.
         result: the series through them.
     """
     for miss in searched.near_misses:
         if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
             continue
-        for t in find_instants(state.law, state.grid.edges, miss.s):
-            if not _is_resolved_near(searched.branch, state, result, miss, t):
+        for t in find_instants(solution.law, solution.grid.edges, miss.s):
+            if not _is_resolved_near(searched.branch, solution, result, miss, t):
                 return miss
     return None
 
 
 def _is_resolved_near(
-    branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
     """Return whether the series of the torques is accurate at a near miss.
 
@@ -255,30 +271,37 @@ def _is_resolved_near(
     with the series to the tolerance of a resolved torque, plus the relative rounding error of g.
 
     Args:
-        state: motion and forces on the nodes of the grid.
+        solution: motion and forces on the nodes of the grid.
         result: the series through them.
-        instant: time [s] at which the robot with springs at rest passes the near miss.
+        miss: the near miss of the robot with springs at rest.
+        instant: time [s] at which that robot passes the near miss.
     """
-    robot, edges = branch.robot, state.grid.edges
+    robot, edges = branch.robot, solution.grid.edges
     duration = edges[-1]
 
     def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        _closed, motion = evaluate_motion(branch, result, shares * duration)
+        _poses, motion = evaluate_motion(branch, result, shares * duration)
         return type2_matrix(robot, motion.linearised)
 
-    # deflections shift the least |g|; `closest.s` is a share of the duration
+    # deflections shift the least |g|: find it again; `closest.s` is a share of the duration
     closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
-    times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
-    _closed, motion = evaluate_motion(branch, result, times)
-    torques = state.forces.joint_torque
-    error = np.abs(joint_forces(robot, motion).joint_torque - state.grid.fit(torques)(times)).max()
-    allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
+    doubled = closest.bracket(2 * abs(closest.g))  # shares on both sides at which |g| has doubled
+    times = duration * np.array([closest.s, *doubled])
+    _poses, motion = evaluate_motion(branch, result, times)
+    torques = solution.forces.joint_torque
+    error = np.abs(joint_forces(robot, motion).joint_torque - solution.grid.fit(torques)(times)).max()
+    g_error = closest.rounding / max(abs(closest.g), closest.rounding)  # relative; torques are ~ 1 / g
+    allowed = RESOLVABLE_TAIL + g_error
     return bool(error <= allowed * np.abs(torques).max())
 
 
 def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
-    """Return the place of a near miss, its |g| and a remedy, in words."""
+    """Return the place of a near miss, its |g| and a remedy, in words.
+
+    Args:
+        miss: a least |g| on the path that is not zero.
+    """
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
@@ -286,17 +309,21 @@ def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
     )
 
 
-def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
-    """Return the error for deflections that did not converge, with the largest deflection."""
-    size = np.abs(state.caused / spring_scale(robot))  # (T, n_e)
-    instant, k = np.unravel_index(np.argmax(size), size.shape)
+def unsettled_error(robot: ParallelRobot, solution: DeflectionSolution) -> NotConverged:
+    """Return the error for deflections that did not converge, with the largest deflection.
+
+    Args:
+        solution: the solution on the last grid.
+    """
+    size = np.abs(solution.caused / spring_scale(robot))  # (T, n_e) [rad, robot lengths]
+    instant, k = np.unravel_index(np.argmax(size), size.shape)  # of the largest one
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "
-        f"{state.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
-        f"{state.grid.times[instant]:.4g} s, {state.change:.2g} of that is lacking; use stiffer "
+        f"{solution.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
+        f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking; use stiffer "
         f"springs, geometry rigid, or another law",
-        residual=state.change,
+        residual=solution.change,
     )
 
 
@@ -313,7 +340,8 @@ def unresolved_error(
 
     Args:
         result: the motion on the finest grid.
-        size: number of nodes per panel of this grid.
+        tolerance: tail of the torques that counts as resolved.
+        size: number of nodes per panel of the finest grid.
         enough: the least tolerance that some grid met.
         unseen: a near miss that no grid resolved, if any.
     """

@@ -79,7 +79,7 @@ class PlannedFriction(ReadOnlyArrays):
         torques = []  # of each motor
         for instants, between in zip(self.instants, self.between, strict=True):
             with_outside = np.pad(between, 1)  # zero before and after the motion
-            torque = with_outside[np.searchsorted(instants, times, side="right")]
+            torque = with_outside[np.searchsorted(instants, times, side="right")]  # 0: before the motion
             torques.append(np.where(np.isin(times, instants), 0.0, torque))
         return np.stack(torques, axis=-1)
 
@@ -87,7 +87,7 @@ class PlannedFriction(ReadOnlyArrays):
 def _constant_sign_intervals(
     t: Array, sign: Array, speed: Callable[[Array], Array], motor: int
 ) -> tuple[Array, Array]:
-    """Return the ends (k,) [s] of intervals of constant sign, and their signs (k - 1,).
+    """Return the ends (k,) [s] of intervals of constant sign of a motor's speed, and their signs (k - 1,).
 
     The motion starts and stops smoothly, so the first and last samples may be zero; they belong to the
     adjacent interval. So does a single zero sample. Two or more are a standstill, an interval of sign 0.

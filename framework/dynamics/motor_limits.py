@@ -39,7 +39,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     try:
         numbers = _unlimited_where_none(values)
     except (TypeError, ValueError):
-        numbers = np.empty(0)
+        numbers = np.empty(0)  # refused by its shape
     has_bool = any(isinstance(value, bool) for value in values)
     if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(numbers > 0):
         raise InvalidInput(

@@ -22,7 +22,7 @@ from framework.kinematics.motion_rates import coordinate_changes
 from framework.numerics.arrays import Array
 
 GROWTH_INSTANTS = 65  # instants at which the growth rate is integrated over the motion
-MAX_HALF_EXPONENT = 150.0  # L / 2 of `open_loop_growth`, far below overflow
+MAX_HALF_EXPONENT = 150.0  # largest L / 2 of `open_loop_growth`, whose square of sinh does not overflow
 
 
 class MotorControl(NamedTuple):
@@ -79,6 +79,9 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 
         E' d(W - G' tau) = T' d(r + torques of the rotors - J' lambda).
 
+    Args:
+        result: the planned motion, with the torques tau that are applied.
+
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
@@ -105,8 +108,9 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if no error grows.
 
-    The rates r of the solutions e^(rt) of d" = per_error d are the square roots of the eigenvalues of
-    `per_error`.
+    The terms in d' of the header's equation, due to the speed of the motion and to viscous damping, are
+    neglected. The rates r of the solutions e^(rt) of d" = per_error d are the square roots of the eigenvalues
+    of `per_error`.
 
     Raises:
         NotAssembled: as `error_dynamics`.
@@ -124,23 +128,24 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array
         (1 - h/2 A_k) y_k = (1 + h/2 A_(k-1)) y_(k-1) + h/2 (f_(k-1) + f_k).
 
     Args:
-        dynamics: at the instants `times` (T,) [s], equidistant.
+        dynamics: matrices at the instants `times`.
+        times: (T,) [s], equidistant.
         missing_wrench: W - G' tau at these instants [N, N m].
     """
     count, n = missing_wrench.shape
     y, f = np.zeros((2, count, 2 * n))
     f[:, n:] = np.einsum("tij,tj->ti", dynamics.per_wrench, missing_wrench)
-    A = np.zeros((count, 2 * n, 2 * n))
+    A = np.zeros((count, 2 * n, 2 * n))  # [0 1; per_error per_rate]
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n] = dynamics.per_error
     A[:, n:, n:] = dynamics.per_rate
 
     half_step = 0.5 * (times[1] - times[0])
-    at_start = np.eye(2 * n) + half_step * A  # matrices of the old state
-    inverse_at_end = np.linalg.inv(np.eye(2 * n) - half_step * A)
+    explicit = np.eye(2 * n) + half_step * A  # (T, 2 n, 2 n) factors of y_(k-1)
+    implicit_inverse = np.linalg.inv(np.eye(2 * n) - half_step * A)
     for k in range(1, count):
         forcing = half_step * (f[k - 1] + f[k])
-        y[k] = inverse_at_end[k] @ (at_start[k - 1] @ y[k - 1] + forcing)
+        y[k] = implicit_inverse[k] @ (explicit[k - 1] @ y[k - 1] + forcing)
     return y[:, :n]
 
 
@@ -164,4 +169,6 @@ def open_loop_growth(exponent: float) -> float:
     It is 1 if no error grows.
     """
     half = 0.5 * exponent
-    return float((np.sinh(min(half, MAX_HALF_EXPONENT)) / half) ** 2) if half > 0.0 else 1.0
+    if half <= 0.0:
+        return 1.0
+    return float((np.sinh(min(half, MAX_HALF_EXPONENT)) / half) ** 2)

@@ -66,8 +66,9 @@ def platform_limits(
 
     Args:
         q: as returned by `assemble` or `forward_kinematics`.
-        torque_limit: limits [N m], motor side, as for `motor_limits`; by default those of the robot file.
-        speed_limit: limits [rad/s], likewise.
+        torque_limit: limit [N m], motor side, of all motors; or one for each motor; or limits by joint. By
+            default, limits are those of the robot file, see `motor_limits`.
+        speed_limit: limits [rad/s] in the same forms.
 
     Raises:
         InvalidInput: q leaves the loops open; limits have the wrong length or are not positive; the platform
@@ -94,7 +95,7 @@ def platform_limits(
 
 
 def _unscale_polytope(scaled: Polytope, scale: Array) -> Polytope:
-    """Convert a polytope of scale * y to a polytope of y.
+    """Convert a polytope of scale * y to a polytope of y, with scale (n,).
 
     Normals are scaled to unit length, and free directions to an orthonormal basis.
     """

@@ -42,27 +42,36 @@ class PlatformWrench(NamedTuple):
     rotors: Array  # (T, n) the part of W due to the rotors
 
     def force_along(self, twist: Array) -> Array:
-        """Compute the component (T,) of the required wrench along a twist (n,) or (T, n)."""
+        """Compute the component twist . W (T,) of the required wrench along a twist (n,) or (T, n)."""
         return np.sum(self.required * twist, axis=1)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """Compute the largest force (T,) of motors along a twist t (n,) or (T, n).
+        """Compute the largest component (T,) of the motors' wrench along a twist.
 
-        It is |G t| . limits, with torque limits (n_a,).
+        It is the largest t . G' tau = |G t| . limits.
+
+        Args:
+            twist: t (n,) or (T, n).
+            torque_limit: (n_a,) [N m], motor side.
         """
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
         return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
-        """Compute the least and the largest force (T, 2) that motors exert on the bodies along a twist.
+        """Compute the least and the largest component (T, 2) along a twist of the wrench left for the bodies.
 
-        The motors have torques up to the limits (n_a,), of which the rotors take a part. Where the motion is
-        possible within these limits, t_s . W_p of `wrench_curves` lies between both forces.
+        The motors exert G' tau, and the rotors' part of W is spent on accelerating the rotors. The bodies get
+        G' tau less this part. Where the motion is possible within the torque limits, t_s . W_p of
+        `wrench_curves` lies between both results.
+
+        Args:
+            twist: (n,) or (T, n), such as t_s; the result is in N for a unit translation, else in N m.
+            torque_limit: (n_a,) [N m], motor side.
         """
         reach = self.reach(twist, torque_limit)
-        rotor_force = np.sum(self.rotors * twist, axis=1)
-        return np.column_stack([-reach - rotor_force, reach - rotor_force])
+        spent_on_rotors = np.sum(self.rotors * twist, axis=1)
+        return np.column_stack([-reach - spent_on_rotors, reach - spent_on_rotors])
 
     def vertices(self, torque_limit: Array) -> Array:
         """Compute the wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
@@ -74,7 +83,7 @@ class PlatformWrench(NamedTuple):
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists.
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and of all joints for unit twists.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
@@ -135,7 +144,11 @@ class WrenchCurves(NamedTuple):
 
 
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
-    """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
+    """Compute g, t_s, W_p and t_s . W_p along a motion in time.
+
+    Args:
+        motion: the motion at T ascending instants, along which t_s is continued.
+    """
     forces = tree_forces(robot, motion)
     _G, joint_rates = motor_speeds(robot, motion.linearised)  # (T, nv, n) dq/dv
     wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
@@ -144,8 +157,9 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 
     # scale t_s to unit size, along the motion, where |g| is least
     nearest = int(np.argmin(np.abs(measure.g)))
-    signed_norm = twist_norm(robot, twist[nearest]) or 1.0
-    signed_norm *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
+    signed_norm = twist_norm(robot, twist[nearest]) or 1.0  # 1 if the platform rests
+    platform_twist = motion.linearised.platform[nearest] @ motion.v[nearest]
+    signed_norm *= sign_along(twist[nearest], platform_twist)
     power = np.sum(forces * measure.motion, axis=1) / signed_norm
     return WrenchCurves(measure.g, twist / signed_norm, wrench, power)
 
@@ -180,8 +194,8 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
     one nearest to the origin.
 
     Returns:
-        None for a single motor, for a wrench that is not a force along a line (zero, or a screw with pitch),
-        and if the platform's axes are not those of the base.
+        The lines; None for a single motor, for a wrench that is not a force along a line (zero, or a screw
+        with pitch), and if the platform's axes are not those of the base.
     """
     platform = robot.platform
     if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
@@ -200,8 +214,9 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
         return ActionLines(np.zeros_like(direction), direction)
 
     # Solve point x direction = moment / norm on the platform's axes of rotation, for the shortest point.
+    # The matrix of point -> point x direction has the columns (unit vector i) x direction.
     arm = (moment / norm)[:, :, rotations]  # [m] moments of unit forces
-    products = np.cross(np.eye(3), direction[:, :, None, :])  # row i: unit vector i x direction
+    products = np.cross(np.eye(3), direction[:, :, None, :])  # row i: (unit vector i) x direction
     cross_matrix = products.swapaxes(2, 3)[:, :, rotations]
     point = np.einsum("fkij,fkj->fki", np.linalg.pinv(cross_matrix, rcond=RANK_ROUNDING), arm)
     error = np.abs(np.einsum("fkij,fkj->fki", cross_matrix, point) - arm).max()

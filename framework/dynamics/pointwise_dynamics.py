@@ -87,6 +87,7 @@ def dynamics_at(
     motion = prescribed.motion
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
+    # replace the torques at Type 2, where the equations are singular, by their limits
     for k in map(int, find_near_type2(robot, motion.linearised)):
         if dddx is None:
             raise type2_pose(
@@ -111,8 +112,8 @@ def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
     Raises:
         InvalidInput, NotAssembled, SingularPose: as `dynamics_at` for q (nq,).
     """
-    speeds, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
-    twists = np.linalg.pinv(speeds[0])  # (n, n_a) of the platform, for unit motor speeds
+    G, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
+    twists = np.linalg.pinv(G[0])  # (n, n_a) of the platform, for unit motor speeds
     return np.diag(twists.T @ dynamics_at(robot, q).platform_inertia @ twists)
 
 
@@ -138,7 +139,9 @@ def prescribed_motion(
     """Check the arguments of `dynamics_at` and compute the prescribed motion.
 
     Args:
-        q, dx, ddx, dddx, wrenches: as for `dynamics_at`.
+        q: assembled configuration (nq,), or a stack (T, nq).
+        dx, ddx, dddx: time derivatives (n,) or (T, n) of the platform coordinates; None for 0.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, on base axes.
 
     Raises:
         InvalidInput, NotAssembled: as `dynamics_at`.
@@ -198,9 +201,11 @@ def _forces_through_singularity(
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise motion.refuse(f"the robot is in {reason}: its torque has no limit")
+        raise motion.make_error(f"the robot is in {reason}: its torque has no limit")
     if not singular.v.any():
-        raise motion.refuse("the motion stands still on a Type 2 singularity: no law can rest on the locus")
+        raise motion.make_error(
+            "the motion stands still on a Type 2 singularity: no law can rest on the locus"
+        )
     half_panel = motion.choose_half_panel()
     motion.check_condition(motion.find_crossing(half_panel))
     return motion.interpolate_forces(half_panel)
@@ -215,8 +220,13 @@ class _TaylorMotion(NamedTuple):
     rates: Array  # (3, n) first, second and third time derivatives of x at t = 0
     wrenches: Wrenches  # (6,) by frame, constant on base axes
 
-    def refuse(self, reason: str, wrench: float | None = None) -> SingularPose:
-        """Return the error with a reason; `wrench` is t_s . W_p if condition (8) is violated."""
+    def make_error(self, reason: str, wrench: float | None = None) -> SingularPose:
+        """Return the error for the singular pose at t = 0.
+
+        Args:
+            reason: why there is no torque; ends the message.
+            wrench: t_s . W_p [N or N m] if condition (8) is violated.
+        """
         x = self.x[0]
         return SingularPose(
             f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
@@ -244,15 +254,17 @@ class _TaylorMotion(NamedTuple):
     def choose_half_panel(self) -> float:
         """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
 
-        Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
+        Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk of the joints is not known,
+        so that of the platform stands for it. Term k gives t = (k! travel / largest derivative)^(1/k).
         """
         scale = self.robot.column_scale
         jerk = self.rates[2] / self.robot.platform_scale
         derivatives = (self.singular.v / scale, self.singular.a / scale, jerk)
         largest = np.array([np.abs(values).max() for values in derivatives])
         orders = np.arange(1, len(derivatives) + 1)
+        factorials = np.cumprod(orders)
         with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
-            return float(np.min((np.cumprod(orders) * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
+            return float(np.min((factorials * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
 
     def find_crossing(self, half_panel: float) -> float:
         """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
@@ -267,35 +279,38 @@ class _TaylorMotion(NamedTuple):
             return 0.0  # with redundant motors g has a double root, without a change of sign
         root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
         both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
-        signs, _log_sizes = np.linalg.slogdet(both_sides)
+        signs, _log_sizes = np.linalg.slogdet(both_sides)  # the determinant is a measure g, up to a factor
         changes_sign = np.prod(signs) < 0
         is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
         is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
         if is_at_root and changes_sign and is_regular:
             return root.place
-        raise self.refuse(
+        raise self.make_error(
             "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
             "limit that needs more than the jerk; plan the motion"
         )
 
     def check_condition(self, instant: float) -> None:
-        """Raise SingularPose if the motion violates condition (8), eta . r = 0, at an instant [s].
+        """Raise SingularPose if the motion violates condition (8) at an instant [s].
 
-        eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
+        With the inertia of all bodies, condition (8), t_s . W_p = 0, reads eta . r = 0. eta are the joint
+        rates of the uncontrolled motion, whose platform twist t_s has unit size, and r the forces of the open
+        tree. eta . r is therefore a force, or a moment if the platform only turns.
         """
         robot = self.robot
         motion = self.evaluate(np.array([instant]))
         uncontrolled = uncontrolled_motion(robot, motion.linearised)
-        terms = tree_forces(robot, motion)[0] * uncontrolled.motion
+        (r,) = tree_forces(robot, motion)  # of the one instant
+        terms = r * uncontrolled.motion  # (nv,), whose sum is eta . r
         rate = np.abs(motion.v / robot.column_scale).max()
         escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
-        # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
+        # if all terms are rounding, their scale is the centripetal force of the robot's mass at its length
         centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
-        size = max(np.abs(terms).sum(), centripetal)
+        scale = max(np.abs(terms).sum(), centripetal)
         wrench = float(terms.sum())
-        if abs(wrench) > CONDITION_RESIDUAL * size:
+        if abs(wrench) > CONDITION_RESIDUAL * scale:
             unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
-            raise self.refuse(
+            raise self.make_error(
                 f"the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where condition "
                 f"(8) asks for zero: no torque is large enough",
                 wrench,
@@ -321,9 +336,9 @@ class _TaylorMotion(NamedTuple):
             series = coefficients(np.concatenate(forces, axis=1))
             least_tail = min(least_tail, tail(series))
             if tail(series) <= TORQUE_TAIL:
-                value = evaluate(np.zeros(1), series)
+                value = evaluate(np.zeros(1), series)  # in the middle of the panel
                 return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
-        raise self.refuse(
+        raise self.make_error(
             f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "
             f"singularity is very near"
         )

@@ -36,8 +36,8 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
-SETTLED_MISFIT = 2e-14  # rounding
-ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
+SETTLED_MISFIT = 2e-14  # |F| over the largest load, at rounding
+ENOUGH_MISFIT = 1e-12  # below, fresh slopes would not be worth their time
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48
 MAX_CELLS = 600
@@ -48,7 +48,7 @@ SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
 
 
 class GaussNewtonResult(NamedTuple):
-    """The last iterate of Gauss-Newton on some cells."""
+    """The last iterate of Gauss-Newton on given cells of the deflections' splines."""
 
     state: BalanceState
     is_solved: bool  # whether the misfit is as small as the cells allow
@@ -73,8 +73,8 @@ def solve_balance(
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
     Args:
-        family: laws by their scalars; the search begins at zero scalars.
-        steps: (k,) of differences in the scalars.
+        family: function that returns the law of scalars c (k,); the search begins at c = 0.
+        steps: (k,) half-widths of the central differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
 
     Raises:
@@ -152,7 +152,7 @@ def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> Gau
         state = solved.state
         stiffer = state.balance.stiffer
         softer = max(stiffer / softening, 1.0)
-        series = state.series * (stiffer / softer)
+        series = state.series * (stiffer / softer)  # deflections are nearly proportional to compliance
         result = _gauss_newton(equations, equations.evaluate(splines, series, state.scalars, stiffer=softer))
         if result.is_solved and softer == 1.0:
             return result
@@ -171,7 +171,12 @@ def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> Gau
 def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewtonResult:
     """Iterate until the misfit is rounding, or as small as the cells allow.
 
-    Slopes and their factorisation are reused as long as the misfit falls quickly.
+    The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
+    as the misfit falls quickly.
+
+    Args:
+        equations: the equations F = 0.
+        state: the first iterate, with the splines of the solution.
     """
     linear = None
     for _ in range(MAX_STEPS):
@@ -181,6 +186,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         are_fresh = linear is None
         linear = linear or equations.linearise(state)
         step = linear.step(state)
+        # the cells limit the misfit if not even the linear equations can reduce it much
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
         if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
             return GaussNewtonResult(state, True, linear)
@@ -204,6 +210,9 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
 
     Where deflections are smooth, halving a cell divides its misfit by thousands. A misfit that falls by less
     than MIN_GAIN is not due to the cells, and counts as not solved.
+
+    Args:
+        coarse: the solution on the present cells.
     """
     state = coarse.state
     # the cells above the geometric mean of the largest misfit and a settled one
@@ -219,6 +228,10 @@ def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: St
     """Halve a step until the misfit falls; return the state after the step, or None.
 
     For a misfit that is hardly more than rounding, only the full step is tried.
+
+    Args:
+        state: the last iterate.
+        step: the Gauss-Newton step at this state.
     """
     share = 1.0
     least_share = 1.0 if state.misfit <= ENOUGH_MISFIT else MIN_STEP_SHARE
@@ -231,6 +244,7 @@ def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: St
                 stiffer=state.balance.stiffer,
                 near=state.balance.motion.q,
             )
+            # a tenth of the decrease that the linear equations promise (Armijo's condition)
             if new.misfit < (1.0 - 0.1 * share) * state.misfit:
                 return new
         except (NoAnswer, InvalidInput):  # loops are torn, or the law stands still

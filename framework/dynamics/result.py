@@ -157,7 +157,7 @@ class InverseDynamics(ReadOnlyArrays):
     def motion(self, t: ArrayLike) -> Motion:
         """Compute the motion of all joints at t (T,), loops closed to rounding, with external wrenches."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        s = law_derivatives(self.law, times)
+        s = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
         x, dx, ddx = time_derivatives(self.path, s)
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, 1), self.deflection(times, 2)

@@ -31,7 +31,7 @@ MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels; with more, 512 nodes are 
 EDGE_CLEARANCE = 0.1  # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
 
 
-def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
+def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> Array:
     """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
     Edges are the ends of the motion and of the law's panels, and the instants at which the motion passes the
@@ -40,21 +40,21 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
     that the number of nodes is proportional to the number of crossings.
 
     Args:
-        clear_of: instants [s] of crossings.
+        avoid: instants [s] of crossings, which no edge may meet.
     """
     edges = np.array([0.0, law.duration])
     law_edges = edges_of(law)
     if len(law_edges):
         edges = law_edges.copy()
-        for t in clear_of:
-            k = int(np.argmin(np.abs(edges - t)))
+        for t in avoid:
+            k = int(np.argmin(np.abs(edges - t)))  # the nearest edge
             if not 0 < k < len(edges) - 1:  # the ends of the motion stay
                 continue
             narrower_width = min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
             if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:
                 edges[k] = t + 3.0 * EDGE_CLEARANCE * narrower_width
     else:
-        crossings = np.sort(np.fromiter(clear_of, dtype=float))
+        crossings = np.sort(np.fromiter(avoid, dtype=float))
         if len(crossings) > MAX_CROSSINGS_ON_PANEL:
             edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
     instants_of_knots = [find_instants(law, edges, knot) for knot in branch.knots]
@@ -69,7 +69,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
     Args:
         edges: instants [s] between which the law is smooth.
     """
-    grid = TimeGrid(edges, 65)
+    grid = TimeGrid(edges, 65)  # nodes per panel; Newton's method removes what the series does not resolve
     function = grid.fit(np.asarray(law(grid.times))[:, None])
     roots = []
     for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
@@ -79,6 +79,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         residual = np.asarray(law(t)) - s
         for _ in range(MAX_NEWTON_STEPS if len(t) else 0):
             slope = np.asarray(law(t, 1))
+            # no step where the law stands still
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)
             residual = np.asarray(law(t)) - s
@@ -86,6 +87,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
                 break
         roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # an extremum close to s is no root
     times = np.sort(np.concatenate(roots))
+    # a root at an edge is found on both panels
     is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])
     return times[is_new]
 
@@ -95,18 +97,22 @@ def rigid_crossings(
 ) -> tuple[SingularityCrossing, ...]:
     """Find all instants at which the undeformed robot passes a singular point.
 
+    Args:
+        points: the singular points of the path.
+
     Raises:
         NoLaw: the motion stands still on a singular point, or no law can cross it.
     """
     for singular in points:
         check_kind(branch.robot, singular)
     edges = panel_edges(branch, law)
+    # every instant of a crossing, with the singular point
     crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
     if not crossed:
         return ()
-    # rows: first the crossings, then SAMPLES instants along the motion for the size of the forces
+    # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s = law_derivatives(law, times)
+    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
     speeds = np.abs(s[1])
     stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
     if stops.any():
@@ -160,18 +166,20 @@ def _rigid_crossing(
     Args:
         duration: duration of the motion [s].
         t: instant [s] at which the motion passes the point.
+        singular: the singular point, with its motion eta.
         forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
     """
-    escape = singular.motion[None]  # (corank, nv) eta
+    eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
     if singular.corank > 1:
         linearised = linearised_at(robot, singular.q[None], singular.platform[None])
-        escape = escaping_motions(robot, linearised, at_least=singular.corank).motions
+        eta = escaping_motions(robot, linearised, at_least=singular.corank).motions
+
+    # the terms of eta . r; their scale is the largest sum of sizes along the motion, or that of inertia
+    terms = forces[:, None] * eta  # (1 + SAMPLES, corank, nv)
     inertial_force = robot.mass * robot.length / duration**2
-    least_scale = inertial_force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
-    terms = forces[:, None] * escape  # (1 + SAMPLES, corank, nv)
-    sizes = np.abs(terms).sum(axis=2)
-    scale = np.maximum(sizes.max(axis=0), least_scale)
-    wrench = terms[0].sum(axis=1)
+    least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
+    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)  # (corank,)
+    wrench = terms[0].sum(axis=1)  # (corank,) at the point
     worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
         time=t,
@@ -215,7 +223,12 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`."""
+    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`.
+
+    Args:
+        crossings: the crossings of the motion.
+        allowed: largest residual |t_s . W_p| / scale.
+    """
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
@@ -231,15 +244,19 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     )
 
 
-def check_crossings(robot: ParallelRobot, state: DeflectionSolution, result: InverseDynamics) -> None:
+def check_crossings(robot: ParallelRobot, solution: DeflectionSolution, result: InverseDynamics) -> None:
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
     An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.
+
+    Args:
+        solution: motion on the nodes of the grid, whose loops are closed.
+        result: the result with the known crossings.
     """
     if result.geometry == "rigid" and robot.n_e:
         return
-    _, signs = mode_signs(robot, state.motion.linearised)  # (T,) of the assembly mode
-    times = state.grid.times
+    _, signs = mode_signs(robot, solution.motion.linearised)  # (T,) of the assembly mode
+    times = solution.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):
             raise NoLaw(

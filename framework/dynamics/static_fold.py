@@ -28,7 +28,8 @@ from framework.numerics.arrays import Array
 from framework.tolerances import FOLD_MISFIT
 
 FIRST_COMPLIANCE = 1e-4  # over that of the springs
-FIRST_STEP, LEAST_STEP, MAX_STEP, STEP_GROWTH = 0.05, 1e-5, 0.2, 1.3  # of arclength in (v, log eps)
+FIRST_STEP, LEAST_STEP, MAX_STEP = 0.05, 1e-5, 0.2  # of arclength in (v / (v_unit u), log eps)
+STEP_GROWTH = 1.3  # of the next step, after a step that succeeded
 MAX_POINTS = 400
 MAX_CORRECTIONS = 8
 LEAST_COSINE = 0.8  # between neighbouring tangents
@@ -45,14 +46,17 @@ class _CurvePoint(NamedTuple):
 
 
 class _RestCurve(NamedTuple):
-    """The curve of deflections in balance at rest at s; `v_unit` scales v to unit size."""
+    """The curve of deflections eps v in balance at rest at s, over the compliance eps.
+
+    `v_unit` is a typical size of v, by which coordinates are divided.
+    """
 
     branch: Branch
     s: float
     v_unit: float = 1.0
 
     def _balance(self, coordinates: Array) -> LoadedBalance:
-        """Compute the balance at coordinates (n_e + 1,) of a `_CurvePoint`."""
+        """Compute the balance of the robot at rest at coordinates (v / (v_unit u), log eps), (n_e + 1,)."""
         branch = self.branch
         s = np.array([self.s])
         compliance = np.exp(coordinates[-1])
@@ -84,9 +88,13 @@ class _RestCurve(NamedTuple):
         return balance.F[0] / largest_load, slopes / largest_load
 
     def correct(self, coordinates: Array, along: Array) -> _CurvePoint | None:
-        """Find the point of the curve nearest to coordinates, with the tangent towards `along`.
+        """Find the point of the curve nearest to `coordinates` by Newton's method with least steps.
 
-        None if Newton's method does not converge.
+        None if the method does not converge.
+
+        Args:
+            coordinates: (n_e + 1,) of a `_CurvePoint`, near the curve.
+            along: (n_e + 1,) a direction; the tangent of the result points to its side.
         """
         try:
             for _ in range(MAX_CORRECTIONS):
@@ -94,6 +102,7 @@ class _RestCurve(NamedTuple):
                 if np.abs(F).max() <= FOLD_MISFIT:
                     tangent = np.linalg.svd(slopes)[2][-1]  # null space of the slopes
                     return _CurvePoint(coordinates, tangent * np.sign(tangent @ along))
+                # the least step: there is one unknown more than equations
                 coordinates = coordinates - np.linalg.lstsq(slopes, F, rcond=None)[0]
         except (NoAnswer, np.linalg.LinAlgError):
             pass
@@ -107,6 +116,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
         A number below 1; None if the curve reaches the springs of the robot, or if continuation fails.
     """
     softer = np.append(np.zeros(branch.robot.n_e), 1.0)  # the direction of softer springs
+    # a first point with v_unit = 1, of which the size of v is taken as the unit
     point = _RestCurve(branch, s).correct(np.log(FIRST_COMPLIANCE) * softer, softer)
     if point is None:
         return None
@@ -116,7 +126,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
     point = curve.correct(np.append(v / v_unit, point.coordinates[-1]), softer)
     step = FIRST_STEP
     for _ in range(MAX_POINTS):
-        if point is None or point.coordinates[-1] >= 0.0:
+        if point is None or point.coordinates[-1] >= 0.0:  # log eps >= 0: the springs are reached
             return None
         following = curve.correct(point.coordinates + step * point.tangent, point.tangent)
         if following is None or following.tangent @ point.tangent < LEAST_COSINE:
@@ -124,7 +134,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
             if step < LEAST_STEP:
                 return None
             continue
-        if following.tangent[-1] <= 0.0:
+        if following.tangent[-1] <= 0.0:  # log eps has a maximum between both points
             return _turning_compliance(point, following)
         point = following
         step = min(STEP_GROWTH * step, MAX_STEP)
@@ -135,6 +145,9 @@ def _turning_compliance(first: _CurvePoint, second: _CurvePoint) -> float | None
     """Interpolate log eps between two points by a parabola; return its largest eps, or None from 1 on.
 
     A parabola over the arclength h with slopes a and -b at its ends rises by h a^2 / (2 (a + b)).
+
+    Args:
+        first, second: successive points, in front of the maximum of log eps and behind it.
     """
     length = np.linalg.norm(second.coordinates - first.coordinates)
     first_slope = first.tangent[-1]

@@ -30,8 +30,8 @@ import numpy as np
 from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import (
     Load,
-    balance,
     check_wrench,
+    evaluate_equilibrium,
     factor_transposed,
     moving_columns,
     tangent_stiffness,
@@ -52,11 +52,8 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
-SHIFTS = (
-    1.0,
-    1e3,
-    1e6,
-)  # sigma of H + sigma S over tr H / tr S; an indefinite H under load needs a larger one
+# sigma of H + sigma S in `least_ratios`, over tr H / tr S; an indefinite H under load needs a larger one
+SHIFTS = (1.0, 1e3, 1e6)
 MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, over the largest one
 
 
@@ -102,24 +99,28 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 def least_ratios(H: Array, S: Array) -> Array:
     """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S.
 
-    The ratio is NaN if there is no least one.
-
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
     L^-1 S L'^-1. This inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have
-    no mass.
+    no mass. The shift sigma is a multiple of tr H / tr S, so that it does not depend on units.
+
+    Args:
+        H, S: symmetric matrices (T, d, d).
+
+    Returns:
+        The ratio; NaN if there is no least one.
     """
     least = np.full(len(H), np.nan)
-    size_H = np.abs(np.trace(H, axis1=1, axis2=2))
-    size_S = np.trace(S, axis1=1, axis2=2)
+    trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
+    trace_S = np.trace(S, axis1=1, axis2=2)
     for factor in SHIFTS:  # until H + sigma S is positive definite
-        unsolved = np.flatnonzero(np.isnan(least) & (size_S > 0))
+        unsolved = np.flatnonzero(np.isnan(least) & (trace_S > 0))
         if not len(unsolved):
             break
-        sigma = factor * size_H[unsolved] / size_S[unsolved]
+        sigma = factor * trace_H[unsolved] / trace_S[unsolved]
         shifted = H[unsolved] + sigma[:, None, None] * S[unsolved]
         is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        rows = unsolved[is_definite]
+        rows = unsolved[is_definite]  # the problems of this shift
         inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
         relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
         mu = np.linalg.eigvalsh(relative)[:, -1]
@@ -130,11 +131,13 @@ def least_ratios(H: Array, S: Array) -> Array:
 def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
     """Compute the stiffness (T,) [N/m] of the platform's point in the softest direction, 0 at Type 2.
 
-    `free` are the motions of the robot with locked motors. For a platform that only turns it is the
+    It is the least of z' K z / |X z|^2 over all motions z with locked motors, `free`. X z is the velocity of
+    the platform's point. For a platform that only turns, X z is its rate of rotation, and the result the
     rotational stiffness [N m/rad].
     """
-    loaded = robot.translations if robot.translations.any() else ~robot.translations
-    X = free.X[:, loaded]
+    axes = robot.translations if robot.translations.any() else ~robot.translations
+    X = free.X[:, axes]
+    # a negative ratio is rounding of the stiffness 0 at Type 2
     return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
 
 
@@ -142,6 +145,9 @@ def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
 
     For motors that turn freely see `free_motor_frequency`.
+
+    Args:
+        free: the motions that springs and loops allow, with their stiffness and mass.
     """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
@@ -200,6 +206,7 @@ def platform_stiffness(
     if loaded:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
 
+    # modes in the motions Z, then as rates of all joints
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
     modes[:, moving_columns(robot)] = shapes @ free.Z[0].T
@@ -234,27 +241,28 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
-    size = np.inf  # [rad, robot lengths] largest entry of the last step
+    step_size = np.inf  # [rad, robot lengths] largest entry of the last step
     for _ in range(MAX_NEWTON_STEPS):
-        state = balance(robot, q[None], load)
-        if size < NEWTON_STEP:
-            if deflects_little(robot, q[None])[0] and state.gap[0] < LOOP_GAP:
+        residuals = evaluate_equilibrium(robot, q[None], load)
+        if step_size < NEWTON_STEP:
+            if deflects_little(robot, q[None])[0] and residuals.gap[0] < LOOP_GAP:
                 return q, load
             break
-        values, vectors = np.linalg.eigh(state.H[0])
-        sizes = np.abs(values)
+        values, vectors = np.linalg.eigh(residuals.H[0])
+        sizes = np.abs(values)  # so that steps lead downhill, also where the robot buckles
         stiffness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
-        uphill = vectors @ (vectors.T @ state.slope[0] / stiffness)  # (d,) on the null space of the loops
-        step = state.closing[0] - state.null[0] @ uphill
-        size = np.abs(step).max()
-        if not np.isfinite(size):
+        # (d,) steps along the motions that keep the loops closed
+        uphill = vectors @ (vectors.T @ residuals.energy_slope[0] / stiffness)
+        step = residuals.closing_step[0] - residuals.null_space[0] @ uphill
+        step_size = np.abs(step).max()
+        if not np.isfinite(step_size):
             break
-        damping = MAX_STEP / max(size, MAX_STEP)
+        damping = MAX_STEP / max(step_size, MAX_STEP)
         q = integrate_columns(robot, q, columns, step * damping * lengths)
     raise NotConverged(
         f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
         f"robot, or deflects it by more than linear springs mean",
-        residual=size,
+        residual=step_size,
     )
 
 
@@ -277,7 +285,7 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
         InvalidInput: the springs leave the platform rigid along some direction.
     """
     scale = robot.platform_scale
-    U, values, V_rows = np.linalg.svd(X / scale[:, None])
+    U, values, V_rows = np.linalg.svd(X / scale[:, None])  # scaled, so that all entries have one unit
     if len(values) < len(X) or values[-1] <= RANK_ROUNDING * values[0]:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: the springs leave the platform rigid along some direction "
@@ -289,7 +297,7 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
     if N.size:
         forces -= H @ N @ np.linalg.solve(N.T @ H @ N, N.T @ forces)
     K = R.T @ forces
-    return 0.5 * (K + K.T)
+    return 0.5 * (K + K.T)  # symmetric but for rounding
 
 
 def _inverse(robot: ParallelRobot, K: Array) -> Array:
@@ -301,7 +309,7 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
     values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
     compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
-    is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING
+    is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING  # (n, free) axis i by a free direction
     return np.where(is_moved @ is_moved.T, np.inf, compliance)
 
 
@@ -311,12 +319,14 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     The frequencies are those of the stiffness H and the mass M, (d, d) each. The shapes have z' M z = 1.
     Motions without mass have no vibration of their own: they follow the others statically.
     """
+    # shapes of unit mass, so that the generalised problem becomes an ordinary one
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
-    massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) of unit mass
+    massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) motions of unit mass
     massless = vectors[:, ~has_mass]
     if massless.shape[1] and massive.shape[1]:  # massless motions y follow with the least energy
-        y, *_ = np.linalg.lstsq(massless.T @ H @ massless, massless.T @ H @ massive, rcond=None)
+        coupling = massless.T @ H @ massive
+        y, *_ = np.linalg.lstsq(massless.T @ H @ massless, coupling, rcond=None)
         massive -= massless @ y
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)

@@ -39,18 +39,19 @@ class Load(NamedTuple):
         return Load(self.w, self.share[which], self.preload[which])
 
 
-class Balance(NamedTuple):
-    """The distance of T configurations from balance.
+class EquilibriumResiduals(NamedTuple):
+    """Residuals of loop equations and forces at T configurations, with the derivatives of Newton's method.
 
-    Steps and loop equations are in radians and robot lengths; f joints move with locked motors.
+    Steps and loop equations are in radians and robot lengths; f joints move with locked motors. In
+    equilibrium `gap`, `closing_step` and `energy_slope` are zero.
     """
 
     gap: Array  # (T,) largest residual of a loop equation
-    closing: Array  # (T, f) the shortest step that closes the loops, to first order
-    null: Array  # (T, f, d) orthonormal steps Z that keep the loops closed
-    slope: Array  # (T, d) derivative of the energy along Z, after the closing step
-    drive: Array  # (T, d) derivative of the slope by the share of the load
-    H: Array  # (T, d, d) tangent stiffness along Z
+    closing_step: Array  # (T, f) the shortest step that closes the loops, to first order
+    null_space: Array  # (T, f, d) orthonormal steps Z that keep the loops closed
+    energy_slope: Array  # (T, d) [N m] derivative along Z of the energy V - w . x, after the closing step
+    slope_by_share: Array  # (T, d) [N m] derivative of the energy slope by the share of the load
+    H: Array  # (T, d, d) [N m] tangent stiffness along Z
     linearised: LinearisedLoops
 
 
@@ -71,31 +72,36 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
     return np.concatenate([robot.elastic, robot.following])
 
 
-def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
-    """Compute the distance from balance of configurations q (T, nq), with loops open or closed.
+def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> EquilibriumResiduals:
+    """Compute the residuals of equilibrium at configurations q (T, nq), with loops open or closed.
 
     With the Jacobian J of the loop equations and the QR factorisation J' = Q R, the shortest step that closes
-    the loops is -Q R'^-1 residual.
+    the loops is -Q R'^-1 residual. The energy slope after this step is that at q, plus the tangent stiffness
+    between Z and the step.
+
+    Args:
+        load: weight and wrench on each configuration, with the share of both that acts.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)  # of the loop equations
-    Q, R, null = factor_transposed(J)
-    closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
+    Q, R, null_space = factor_transposed(J)
+    closing_step = -matvec(Q, solve(R.swapaxes(1, 2), residual))
 
-    # along the steps [Z, closing]: the last column is the change of the slope by the closing step
-    steps = np.concatenate([null, closing[:, :, None]], axis=2)
+    # stiffness along the d + 1 columns [Z, closing step]: H, bordered by the products with the closing step
+    steps = np.concatenate([null_space, closing_step[:, :, None]], axis=2)
     stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
-    forces, load_forces = _forces(robot, linearised, q, load)
-    null_rows = null.swapaxes(1, 2)
-    return Balance(
+    forces, forces_by_share = _forces(robot, linearised, q, load)
+    slope_change = stiffness[:, :-1, -1]  # (T, d) by the closing step
+    Z_rows = null_space.swapaxes(1, 2)
+    return EquilibriumResiduals(
         gap=np.abs(residual).max(axis=1, initial=0.0),
-        closing=closing,
-        null=null,
-        slope=matvec(null_rows, forces[:, columns] * lengths) + stiffness[:, :-1, -1],
-        drive=matvec(null_rows, load_forces[:, columns] * lengths),
+        closing_step=closing_step,
+        null_space=null_space,
+        energy_slope=matvec(Z_rows, forces[:, columns] * lengths) + slope_change,
+        slope_by_share=matvec(Z_rows, forces_by_share[:, columns] * lengths),
         H=stiffness[:, :-1, :-1],
         linearised=linearised,
     )
@@ -110,10 +116,13 @@ def tangent_stiffness(
     the loop equations c, and the wrench w on platform coordinates x. Weight and wrench are those of `load`,
     multiplied by its share. The multipliers lambda are the least-squares solution of J' lambda = forces, with
     J the scaled derivative of c along the f columns that move with locked motors.
+
+    Args:
+        steps: columns are p steps [rad, m] of the joints that move with locked motors.
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
-    forces, _by_share = _forces(robot, linearised, q, load)
+    forces, _forces_by_share = _forces(robot, linearised, q, load)
     scaled_forces = forces[:, columns] * robot.column_scale[columns]
     Q, R, _null = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
@@ -124,7 +133,11 @@ def tangent_stiffness(
 
 
 def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the symmetric derivative (T, nv, nv) of the joint forces of weight by q (T, nq)."""
+    """Compute the second derivative (T, nv, nv) [N m] of the potential of weight by q (T, nq).
+
+    It is the symmetric part of the derivative of the joint forces of weight. The derivative itself is not
+    symmetric on ball joints, because turns about different axes do not commute.
+    """
     data = scratch_of(robot).data
     derivative = np.array([pin.computeGeneralizedGravityDerivatives(robot.model, data, row) for row in q])
     return 0.5 * (derivative + derivative.swapaxes(1, 2))
@@ -136,12 +149,14 @@ def _curvature(
     """Compute the curvature lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p).
 
     It is the symmetric part of steps' d(J' lambda + X' w)/dq steps at constant lambda and w, with the
-    Jacobians J of the loop equations c and X of the platform coordinates x. Coordinates x that are joints
+    Jacobians J of the loop equations c and X of the platform coordinates x. The derivative itself is not
+    symmetric on ball joints, because turns about different axes do not commute. Coordinates x that are joints
     have no curvature.
 
     Args:
+        steps: columns are p steps [rad, m] of the joints that move with locked motors.
         multipliers: lambda (T, m).
-        load: the wrench w and its share.
+        load: the wrench w on the platform, and the share (T,) of w that acts.
     """
     frames, platform = linearised.frames, robot.platform
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
@@ -168,10 +183,10 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute the forces dV/dq - w . dx/dq (T, nv) under the load's share, and the derivative by the share.
+    """Compute joint forces dV/dq - w . dx/dq (T, nv) under the load's share, and derivatives by the share.
 
-    They are springs - preload + share (preload + weight - wrench), so that the preload vanishes under the
-    whole load.
+    The forces are springs - preload + share (preload + weight - wrench). Under the whole load, share 1, the
+    preload cancels.
     """
     data = scratch_of(robot).data
     springs = spring_torques(robot, q, robot.all_stiffness)

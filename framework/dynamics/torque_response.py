@@ -55,7 +55,11 @@ class TorqueResponse(NamedTuple):
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
-    """Linearise torques in the coefficients of an optimal law, about a motion in balance."""
+    """Linearise torques in the coefficients of an optimal law, about a motion in balance.
+
+    Args:
+        solution: deflections in balance under the law, with the equations that they solve.
+    """
     equations, state = solution.equations, solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
@@ -63,11 +67,13 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     per_term = _split_by_law_terms(equations, state)
     F_y = per_term.F @ terms.by_y  # (T, n_e, n)
     linear = equations.linearise(state)
-    changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))  # of deflections and scalars
-    series, scalars = np.split(changes, [state.series.size])
-    series = series.reshape(*state.series.shape, -1)  # (size, n_e, n)
+    # derivatives by y of the splines' coefficients and of the law's scalars
+    by_y = linear.follow(F_y.reshape(-1, F_y.shape[2]))
+    series_by_y, scalars = np.split(by_y, [state.series.size])
+    series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = per_term.torque @ terms.values[..., None]
-    slopes = per_term.torque @ terms.by_y + _torques_of_deflections(equations.branch.robot, state, series)
+    by_deflections = _torques_of_deflections(equations.branch.robot, state, series_by_y)
+    slopes = per_term.torque @ terms.by_y + by_deflections
     functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, per_term.speed)]
     return TorqueResponse(clock.law.coefficients, scalars, *functions)
 
@@ -80,7 +86,11 @@ class _LawTerms(NamedTuple):
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
-    """Compute the terms 1, z, u and z^(1/2) of a law at xi (T,), and their derivatives by y."""
+    """Compute the terms 1, z, u and z^(1/2) of a law at xi (T,), and their derivatives by y.
+
+    Args:
+        law: the optimal law, with the coefficients y of z.
+    """
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     z_by_y = law.basis.matrix(xi).toarray()
     u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()
@@ -93,7 +103,12 @@ def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
 
 
 def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
-    """Compute changes (T, n_a, n) of torques by changes of deflections, series (size, n_e, n)."""
+    """Compute changes (T, n_a, n) [N m] of torques by changes of deflections.
+
+    Args:
+        state: the balance about which torques are linearised.
+        series: (size, n_e, n) changes of the coefficients of the deflections' splines.
+    """
     slopes = _torque_slopes_by_springs(robot, state.balance)
     torque = np.zeros((*slopes[0].shape[:2], series.shape[2]))
     for slope, basis in zip(slopes, state.samples.bases, strict=True):  # value, rate, acceleration
@@ -110,7 +125,14 @@ class _Coefficients(NamedTuple):
 
 
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Coefficients:
-    """Compute coefficients of F and torques from values at four (z, u), at a state's configurations."""
+    """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
+
+    The four (z, u) are those of `_split_terms`.
+
+    Args:
+        equations: the equations of balance.
+        state: the state whose configurations and deflections are kept.
+    """
     robot = equations.branch.robot
     balance = state.balance
     loads = []
@@ -119,9 +141,9 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Co
         prescribed = equations.prescribe_at(state, *z_and_u)
         loads.append(load_at_rates(robot, balance, prescribed))
         motions.append(_motion_with_spring_rates(robot, balance, prescribed))
-    load = _split_terms(loads)
+    load = _split_terms(loads)  # (T, nv, 4)
     acceleration = _split_terms([motion.a[:, robot.actuated] for motion in motions])
-    speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1
+    speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
     return _Coefficients(F, _balance_motors(robot, balance, load, acceleration), speed)
@@ -130,7 +152,13 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Co
 def _motion_with_spring_rates(
     robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion
 ) -> Motion:
-    """Compute the motion at a balance's configurations, also with rates of springs without inertia."""
+    """Compute the motion at a balance's configurations, with the rates of the springs.
+
+    The motion of a `LoadedBalance` has no such rates if springs carry no inertia.
+
+    Args:
+        prescribed: gives rates and accelerations of platform and springs.
+    """
     rates = (prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
     return motion_at(robot, balance.closed, *rates)
 
@@ -138,34 +166,41 @@ def _motion_with_spring_rates(
 def _split_terms(values: list[Array]) -> Array:
     """Compute coefficients (T, k, 4) of values a + b z + c u + d z^(1/2).
 
+    The change from z = 0 is b + d at z = 1 and 4 b + 2 d at z = 4. Four times the first less the second is 2
+    d.
+
     Args:
         values: (T, k) at (z, u) = (0, 0), (1, 0), (4, 0) and (0, 1).
     """
-    at_rest, once, fourfold, per_u = values
-    per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))
-    return np.stack([at_rest, once - at_rest - per_root, per_u - at_rest, per_root], axis=2)
+    at_rest, at_z1, at_z4, at_u1 = values
+    per_root = 0.5 * (4.0 * (at_z1 - at_rest) - (at_z4 - at_rest))  # d
+    per_z = at_z1 - at_rest - per_root
+    return np.stack([at_rest, per_z, at_u1 - at_rest, per_root], axis=2)
 
 
 def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> list[Array]:
     """Compute slopes (T, n_a, n_e) of torques by deflections, their rates and their accelerations.
 
     Deflections are in the units of the springs.
+
+    Args:
+        balance: the balance about which torques are linearised.
     """
     motion = _motion_with_spring_rates(robot, balance, balance.prescribed)
     changes = coordinate_changes(robot, motion, robot.elastic)
-    load_changes = changes
-    if not robot.elastic_inertia:  # rates of deflections cause no forces
+    load_changes = changes  # of the motion that causes the load
+    if not robot.elastic_inertia:  # rates of deflections cause no forces, but they move the rotors
         load_changes = coordinate_changes(robot, balance.motion, robot.elastic)
     multipliers = balance.multipliers * loop_weights(robot)
     forces = force_changes(robot, balance.motion, multipliers, load_changes)  # (3, T, n_e, nv)
     forces[1:] *= robot.elastic_inertia
     forces[0][:, range(robot.n_e), robot.elastic] += balance.stiffer * robot.stiffness
     accelerations = changes.accelerations[..., robot.actuated]
-    return [
-        _balance_motors(robot, balance, force.swapaxes(1, 2), acceleration.swapaxes(1, 2))
-        * spring_units(robot)
-        for force, acceleration in zip(forces, accelerations, strict=True)
-    ]
+    slopes = []
+    for force, acceleration in zip(forces, accelerations, strict=True):  # value, rate, acceleration
+        slope = _balance_motors(robot, balance, force.swapaxes(1, 2), acceleration.swapaxes(1, 2))
+        slopes.append(slope * spring_units(robot))
+    return slopes
 
 
 def _balance_motors(
@@ -177,14 +212,17 @@ def _balance_motors(
     squares. Motors balance the rest, and accelerate their rotors.
 
     Args:
+        balance: the balance whose configurations are used.
         forces: (T, nv, k) of the open tree.
         accelerations: (T, n_a, k) of the actuated joints.
     """
     columns, units = locked_columns(robot)
     linearised = balance.motion.linearised
-    Q, R, _ = factor_transposed(constraint_rows(robot, linearised))
+    # J' = Q R gives lambda = R^-1 Q' forces, in units of the columns
+    Q, R, _null_space = factor_transposed(constraint_rows(robot, linearised))
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
     J_a = linearised.closures[:, :, robot.actuated] * loop_weights(robot)[:, None]  # (T, m, n_a)
-    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ multipliers[:, : J_a.shape[1]]
+    loop_multipliers = multipliers[:, : J_a.shape[1]]  # without those of redundant motors
+    joint_torque = forces[:, robot.actuated] - J_a.swapaxes(1, 2) @ loop_multipliers
     gear = robot.gear_ratio[:, None]
     return joint_torque / gear + robot.rotor_inertia[:, None] * gear * accelerations

@@ -110,7 +110,7 @@ class PlannedLaw(ExactLaw):
         """Return the least s' divided by the mean |s'|, without the zeros at the ends.
 
         The factors of s' that vanish at both ends are divided out first. The result is positive for a
-        monotone law.
+        monotone law, and small if the law nearly stops.
 
         Args:
             smoothness: number of derivatives of s that vanish at both ends.
@@ -148,6 +148,7 @@ def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[
         """Compute the derivative of order m of f^(k)(g(t)) by t."""
         if m == 0:
             return outer[k]
+        # inner[j - 1] is the derivative of g of order j
         terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
         return np.sum(terms, axis=0)
 
@@ -240,6 +241,11 @@ class Law(ReadOnlyArrays, PlannedLaw):
         2 (smoothness + 1) + len(inner) - 1. With the three conditions of one crossing it is 8 for a rigid
         robot (smoothness 2) and 12 for an elastic one (smoothness 4), as in Briot and Arakelian 2010,
         Eqs. (19)-(31).
+
+        Args:
+            duration: [s].
+            smoothness: order of the highest derivative of s that vanishes at both ends.
+            inner: conditions at instants between the ends.
         """
         check_duration(duration)
         rest = [0.0] * smoothness  # the derivatives at an end
@@ -267,7 +273,9 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
 
 def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
-    """Estimate `Law.advance` (m,) and the peak of |s"| (m,) [1/s^2] of m laws of `rest_to_rest`.
+    """Estimate the least p over the mean |p| (m,), and the peak of |s"| (m,) [1/s^2], of m laws.
+
+    The laws are those of `rest_to_rest`, and the first estimate is `Law.advance`.
 
     The estimates are taken at samples, which is fast enough for a search among many laws. In normalised time
     x in [-1, 1] let s' = (1 - x^2)^smoothness p(x). Then a law is at rest at both ends for any p. So p has to
@@ -275,7 +283,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     coefficients of p solve one linear equation per condition.
 
     Args:
-        duration, smoothness: of all laws, as for `rest_to_rest`.
+        duration: of all laws [s].
+        smoothness: number of derivatives of s that vanish at both ends.
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
@@ -284,17 +293,18 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     """
     count = len(times)
     scale = 2.0 / duration  # dx/dt
-    end = np.ones((count, 1))  # the last condition is s = 1 at x = 1: both are 1
+    ones = np.ones((count, 1))  # the last condition is s = 1 at x = 1
     inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
-    x = np.append(inner_x, end, axis=1)  # (m, c)
+    x = np.append(inner_x, ones, axis=1)  # (m, c)
     orders = np.array([0, 1, 2] * times.shape[1] + [0])  # (c,) of the derivative in each condition
-    targets = np.append(values.reshape(inner_x.shape), end, axis=1) / scale**orders  # (m, c) in x
+    # (m, c) required derivatives by x: those by time over powers of dx/dt
+    targets = np.append(values.reshape(inner_x.shape), ones, axis=1) / scale**orders
     rows = _rows_of_laws_at_rest(smoothness, x, orders)
     is_regular = np.linalg.det(rows) != 0.0  # (m,)
-    series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
+    p_series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]
 
-    p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
-    mean = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
+    p, accelerations = np.split(p_series @ _matrix_to_samples(smoothness, len(orders)), 2, axis=1)
+    mean = np.abs(p_series @ _interior_values(len(orders)).T).mean(axis=1)
     advances = np.full(count, -np.inf)
     peaks = np.full(count, np.inf)
     advances[is_regular] = p.min(axis=1) / mean
@@ -303,11 +313,16 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
 
 def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
-    """Return the matrices (m, c, c) from c coefficients of p to derivatives of s.
+    """Return the matrices (m, c, c) of m laws, from c coefficients of p to derivatives of s by x.
 
-    Row i of a matrix gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a
-    Chebyshev series of n terms, and T_k(x) = cos(k arccos x). For the `smoothness` and p see
-    `advances_and_peaks`.
+    In normalised time x, s' = (1 - x^2)^smoothness p(x) with a Chebyshev series p. Row i of a matrix gives
+    the derivative of order `orders[i]` at x[:, i]. It is a Chebyshev series of n terms T_k(x) = cos(k arccos
+    x).
+
+    Args:
+        smoothness: exponent of the factor that vanishes at both ends.
+        x: normalised times (m, c) of the conditions.
+        orders: (c,) 0, 1 or 2.
     """
     series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)
@@ -316,15 +331,15 @@ def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
 
 
 def least_value(series: Array) -> float:
-    """Compute the least value on [-1, 1] of all Chebyshev series (k, size).
+    """Compute the least value on [-1, 1] of all Chebyshev series c (k, size).
 
     The least value is at an end, where T_j is 1 or (-1)^j, or at an extremum. As |T_j| <= 1, no value is
-    below c_0 minus the sum of the other |c_j|. Extrema are computed only for series whose bound is below the
+    below c_0 minus the sum of |c_j| over j > 0. Extrema are computed only for series whose bound is below the
     least value at the ends.
     """
     signs = (-1.0) ** np.arange(series.shape[1])  # T_j(-1)
     least_at_ends = min(series.sum(axis=1).min(), (series @ signs).min())
-    lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
+    lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)  # c_0 is in the sum, too: hence 2 c_0
     candidates = series[lower_bounds < least_at_ends]
     inner = [evaluate(extrema(c), c).min(initial=np.inf) for c in candidates]
     return float(min([least_at_ends, *inner]))
@@ -334,8 +349,8 @@ def least_value(series: Array) -> float:
 def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
     """Return the linear equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
-    A condition (x, order) sets a derivative of s at the normalised time x. Its row holds the derivatives of
-    all T_j at x, divided by the row's size, the largest absolute one of them.
+    A condition (x, order) sets a derivative of s at the normalised time x. Its row contains the derivatives
+    of all T_j at x. It is divided by its size, the largest of their absolute values.
 
     Raises:
         InvalidInput: the rows are linearly dependent.
@@ -347,7 +362,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
     rows = np.einsum("ij,ijk->ik", polynomials, derivatives)
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]  # a zero row stays, and makes the rows dependent
-    U, S, V_rows = np.linalg.svd(rows)
+    U, S, V_rows = np.linalg.svd(rows)  # S descends
     if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
@@ -357,23 +372,30 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
-    """Return the matrix (2 size + 2, size) from `size` Chebyshev coefficients to values inside (-1, 1)."""
+    """Return the matrix (2 size + 2, size) from `size` Chebyshev coefficients to values inside (-1, 1).
+
+    The values are those at 2 size + 4 Chebyshev nodes without the two ends, about two for each coefficient.
+    """
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1))
 
 
 @lru_cache(maxsize=64)
-def _search_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 m) from coefficients of p to m samples of p, then of d2s/dx2."""
-    second_derivatives = _rest_integrals(smoothness, size)[2]  # (n, size)
-    polynomials = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivatives) - 1)
-    return np.vstack([polynomials[:, :size], polynomials @ second_derivatives]).T
+def _matrix_to_samples(smoothness: int, size: int) -> Array:
+    """Return the matrix (size, 2 N) from coefficients of p to N samples of p, then N of d2s/dx2.
+
+    The law s has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a
+    Chebyshev series with `size` coefficients. The samples are at N = SEARCH_SAMPLES size nodes x.
+    """
+    _s, _ds, second_derivative = _rest_integrals(smoothness, size)  # (terms, size) series of d2s/dx2
+    T_values = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivative) - 1)  # (N, terms)
+    return np.vstack([T_values[:, :size], T_values @ second_derivative]).T
 
 
 @lru_cache(maxsize=64)
 def _divide_out_ends(degree: int, smoothness: int) -> Array:
     """Return the matrix (size, degree + 1) from coefficients of s to coefficients of p.
 
-    p = s'(x) / (1 - x^2)^smoothness, with x in [-1, 1] for the time. Both s, of this degree, and p are
+    p = s'(x) / (1 - x^2)^smoothness, with the normalised time x in [-1, 1]. Both s, of this degree, and p are
     Chebyshev series in x. p is fitted by least squares at more than 2 size Chebyshev nodes, without the ends
     x = -1 and 1, where the quotient is 0/0.
     """
@@ -387,14 +409,14 @@ def _divide_out_ends(degree: int, smoothness: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _rest_integrals(smoothness: int, size: int) -> Array:
-    """Return the series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_0 .. T_(size - 1).
+    """Return the Chebyshev series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_0 .. T_(size - 1).
 
-    s is the integral of (1 - x^2)^smoothness p(x) from -1.
+    s(x) is the integral of (1 - x^2)^smoothness p(x) from -1 to x. Each series has n terms.
     """
     bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))
     for k, unit_vector in enumerate(np.eye(size)):
-        T_k = unit_vector[: k + 1]
+        T_k = unit_vector[: k + 1]  # its Chebyshev coefficients
         series = chebyshev.chebint(chebyshev.chebmul(bump, T_k), lbnd=-1)
         integrals[: len(series), k] = series
     return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

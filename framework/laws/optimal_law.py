@@ -41,7 +41,8 @@ from framework.numerics.chebyshev import TimeFunction, nodes
 from framework.tolerances import NEWTON_STEP
 
 HIGHEST_SMOOTHNESS = 6  # above it z grows so much towards the ends that it loses its digits
-# number of samples of s' in which turns are counted; least swing of s', over its largest value, that counts
+# number of samples of s' in which reversals are counted; least swing of s' that counts, over its largest
+# value
 TURN_SAMPLES, MIN_SWING = 4001, 1e-3
 DEGREES_PER_PANEL = 3  # a law with one polynomial z of degree d has d / 3 panels in time
 DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given with its squared speed
@@ -52,6 +53,7 @@ class Smoothstep:
     """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^smoothness.
 
     phi is the regularised incomplete beta function with both parameters equal to smoothness + 1.
+    `Smoothstep(0)` is the identity, s = sigma.
     """
 
     smoothness: int
@@ -69,7 +71,8 @@ class Smoothstep:
             return betainc(self.smoothness + 1, self.smoothness + 1, sigma)
         end_distance = np.minimum(sigma, 1.0 - sigma)
         value = polynomial.polyval(end_distance, _slope_powers(self.smoothness, order))
-        return np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value)
+        sign_beyond = (-1.0) ** (order + 1)
+        return np.where(sigma > 0.5, sign_beyond * value, value)
 
     def inverse(self, s: ArrayLike) -> Array:
         """Solve phi(sigma) = s for sigma, with the shape of s."""
@@ -183,7 +186,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
-        panel = np.searchsorted(time_in_panel.edges[1:-1], flat, side="right")
+        panel = np.searchsorted(time_in_panel.edges[1:-1], flat, side="right")  # (T,) index
         t = np.where(flat < 1.0, instants[panel] + time_in_panel(flat)[:, 0], self.duration)
         return t.reshape(np.shape(sigma))
 
@@ -214,16 +217,21 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         sigma = self.parameter(t)
         by_sigma = [self.phi(sigma, order) for order in range(count)]
+        # z and its derivatives by sigma; zeros for those that orders below `count` do not contain
         z_slopes = [self.squared_speed(sigma, order) for order in range(count - 1)]
         not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_slopes))
-        z, dz, ddz, dddz = z_slopes + not_needed  # by sigma
-        speed, u, du, ddu = np.sqrt(z), 0.5 * dz, 0.5 * ddz, 0.5 * dddz
+        z, dz, ddz, dddz = z_slopes + not_needed
+        speed = np.sqrt(z)
+        u, du, ddu = 0.5 * dz, 0.5 * ddz, 0.5 * dddz
         sigma_rates = [speed, u, speed * du, u * du + z * ddu]
         return compose_derivatives(by_sigma, sigma_rates[: count - 1])
 
     @property
     def edges(self) -> Array:
-        """Panel edges (k,) [s]; some twenty points resolve s(t) on each panel."""
+        """Panel edges (k,) [s]; some twenty points resolve s(t) on each panel.
+
+        They are the edges of the splines' cells, or Chebyshev points in xi for a single polynomial.
+        """
         xi = self.basis.cells
         if not self.basis.is_spline:
             xi = nodes(max(self.degree // DEGREES_PER_PANEL, 1) + 1)
@@ -233,7 +241,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def advance(self, smoothness: int) -> float:
         """Return the least z divided by its mean over xi.
 
-        The result is positive, so s' > 0 between the ends.
+        The result is positive, so s' > 0 between the ends. z has no zeros to divide out at the ends, so that
+        `smoothness` does not matter.
         """
         # integrals over the local coordinate of each cell, from -1 to 1, where all T_k are 1
         local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
@@ -276,7 +285,7 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) Chebyshev series of time in x
     panel_duration = np.diff(edge_instants)[panel]
     x = np.clip(2.0 * time / panel_duration - 1.0, -1.0, 1.0)  # first guess: constant speed on the panel
-    for _ in range(12):  # more steps than Newton's method needs from there
+    for _ in range(12):  # more steps than Newton's method needs from this guess
         residual = time - evaluate_each(x, series)
         slowness = law.squared_speed(start + half_width * (x + 1.0)) ** -0.5  # dt/d sigma
         step = residual / (half_width * slowness)
@@ -324,7 +333,7 @@ class InTime:
     edges: Array
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute [s, ds/dt, d2s/dt2] at p (T,), and dp/dt = 1, d2p/dt2 = 0."""
+        """Compute [s, ds/dt, d2s/dt2] at p = t (T,), then dp/dt = 1 and d2p/dt2 = 0, (T,) each."""
         return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
 
     def parameter(self, t: Array) -> Array:
@@ -348,22 +357,25 @@ class OnParameter:
         return np.concatenate([[-1.0], self.law.stretch(self.law.phi.inverse(self.knots)), [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute [s, ds/dt, d2s/dt2], and dp/dt, d2p/dt2, at p (T,).
+        """Compute [s, ds/dt, d2s/dt2], then dp/dt and d2p/dt2, (T,) each, at p (T,).
 
         With p = xi(sigma), z = (d sigma/dt)^2, u = z'/2 and primes for d/d sigma, dp/dt = xi' sqrt(z) and
         d2p/dt2 = xi" z + xi' u.
         """
         sigma = self.law.stretch.inverse(p)
-        return self.motion_at(p, self.law.squared_speed(sigma), 0.5 * self.law.squared_speed(sigma, 1))
+        z = self.law.squared_speed(sigma)
+        u = 0.5 * self.law.squared_speed(sigma, 1)
+        return self.motion_at(p, z, u)
 
     def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
-        """Compute `motion` at p (T,) from given z and u instead of the law's own."""
+        """Compute [s, ds/dt, d2s/dt2], dp/dt and d2p/dt2 at p (T,) from given z and u, not the law's own."""
         sigma = self.law.stretch.inverse(p)
         speed = np.sqrt(z)  # d sigma/dt
         phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma
         dxi = self.law.stretch(sigma, 1)
         ddxi = self.law.stretch(sigma, 2)
-        return [phi, dphi * speed, ddphi * z + dphi * u], dxi * speed, ddxi * z + dxi * u
+        s_rates = [phi, dphi * speed, ddphi * z + dphi * u]
+        return s_rates, dxi * speed, ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

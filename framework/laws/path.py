@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -138,7 +138,8 @@ class Line(PointPath):
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
-        return np.tile(direction if order == 1 else 0.0 * direction, (len(s), 1))
+        derivative = direction if order == 1 else 0.0 * direction
+        return np.tile(derivative, (len(s), 1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,8 +234,8 @@ class Spline(PointPath):
     def __post_init__(self) -> None:
         """Check the distances between points; compute s at the points, and the inner knots in s.
 
-        By the not-a-knot condition neither the ends nor the two points next to each end are inner knots. The
-        knots are computed here because scipy 1.13 does so for odd degrees only.
+        Neither the ends nor the two points next to each end are inner knots: this is the not-a-knot condition
+        of a spline of degree 5. The knots are computed here because scipy 1.13 does so for odd degrees only.
         """
         points = _check_points(self.points, 2, "spline")
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -247,7 +248,7 @@ class Spline(PointPath):
         shares = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
         shares[-1] = 1.0
         left_out = 3  # values of s at each end that are no inner knots
-        knots = shares[left_out:-left_out]
+        knots = shares[left_out:-left_out]  # none for fewer than 7 points
         self._store(points=points, knots=knots, _shares=shares)
 
     @cached_property
@@ -267,7 +268,7 @@ class Spline(PointPath):
 
 
 # A blend f(w), w in [-1, 1], raises the speed along a segment from f'(-1) = 0 to f'(1) = 1. With
-# f" = 35/32 (1 - w^2)^3 four derivatives of the path are continuous.
+# f" = 35/32 (1 - w^2)^3, whose integral is 1, four derivatives of the path are continuous.
 _BLEND_CURVATURE = Polynomial([1.0, 0.0, -1.0]) ** 3 * (35.0 / 32.0)
 _BLEND = _BLEND_CURVATURE.integ(2, lbnd=-1.0)
 
@@ -302,6 +303,7 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
+        # the tolerance accepts a longest blend that was printed, and rounded up
         longest = 0.5 * lengths.min()  # blend
         if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
@@ -339,6 +341,7 @@ class Polyline(PointPath):
         corners = self._arc_lengths[1:-1]
         corner = np.abs(s[:, None] * length - corners).argmin(axis=1)  # (T,) index of the nearest corner
         w = (s * length - corners[corner]) / self.blend
+        # the derivative of this order, by w, of w itself and of f
         line = Polynomial([0.0, 1.0]).deriv(order)(w)
         f = np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line, _BLEND.deriv(order)(w)))
         along_before = (line - f)[:, None] * self._directions[corner]
@@ -366,7 +369,7 @@ def check_path(path: Path) -> None:
     """Test x' and x'' of a user's own path against x on a few short intervals.
 
     Torques are computed from x(s), x'(s) and x''(s) as the path returns them. If x' is not the derivative of
-    x, these torques belong to no motion, however well they converge. The test compares both sides of
+    x, these torques belong to no motion, however well their series converge. The test compares both sides of
 
         x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds
 
@@ -396,7 +399,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     at_start, at_end = np.split(values, 2)
     quotients = (at_end - at_start) / lengths[:, None]  # (intervals, n)
 
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    nodes, weights = np.polynomial.legendre.leggauss(5)  # on [-1, 1], weights with the sum 2
     s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
@@ -416,25 +419,40 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Refuse a path whose derivative of this order jumps.
+    """Refuse a path whose derivative of this order, 1 or 2, jumps.
 
     The largest change between neighbouring points of a grid is compared with the largest change on a finer
     grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
     """
-    s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
-    largest_changes = []  # on each grid
-    for _ in range(2):
-        values = _evaluate_path(path, s, order)
-        changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (intervals,)
-        k = changes.argmax()
-        largest_changes.append(changes[k])
-        s = np.linspace(s[k], s[k + 1], JUMP_INTERVALS)
-    coarse_change, *_, fine_change = largest_changes
-    if fine_change > max(0.5 * coarse_change, PATH_JUMP * np.abs(values).max()):
+    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1])
+    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, JUMP_INTERVALS))
+    if fine.change > max(0.5 * coarse.change, PATH_JUMP * fine.largest_value):
+        fault = "have no bound" if order == 1 else "have to jump"
         raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {s[0]:.6g} by {fine_change:.3g}, where the torque would "
-            f"{'have no bound' if order == 1 else 'have to jump'}: round it, as a Polyline does its corners"
+            f"path: path(s, {order}) jumps at s = {fine.start:.6g} by {fine.change:.3g}, where the torque "
+            f"would {fault}: round it, as a Polyline does its corners"
         )
+
+
+class _LargestChange(NamedTuple):
+    """The interval of a grid on which a derivative of a path changes most."""
+
+    start: float  # s
+    end: float  # s
+    change: float  # of the derivative on the interval
+    largest_value: float  # of the derivative on the grid
+
+
+def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
+    """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most.
+
+    Args:
+        order: 1 or 2, the order of the derivative.
+    """
+    values = _evaluate_path(path, s, order)
+    changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)
+    k = changes.argmax()
+    return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:

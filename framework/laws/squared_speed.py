@@ -49,9 +49,8 @@ MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the sol
 MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
 FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
 DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
-MIN_RELATIVE_SIZE = (
-    1e-3  # of a spline coefficient over the mean; smaller ones may change as if they were as large
-)
+# of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
+MIN_RELATIVE_SIZE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -85,6 +84,7 @@ class Stretch:
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
         w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
         """
+        # the derivative of the first term, sigma: 1, then 0
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
@@ -102,10 +102,14 @@ class Stretch:
         return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi."""
+        """Solve xi(sigma) = xi for sigma by Newton's method from a table, with the shape of xi.
+
+        Args:
+            xi: values in [-1, 1].
+        """
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
-        sigma = np.interp(xi, self(grid), grid)
+        sigma = np.interp(xi, self(grid), grid)  # first guess from the table (xi(grid), grid)
         for _ in range(4):  # the table is right to a few digits, and each step doubles their number
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
         return sigma
@@ -156,9 +160,10 @@ class SpeedBasis(ReadOnlyArrays):
         xi = np.clip(xi, -1.0, 1.0)
         intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
         values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
+        # on an interval the SPLINE_DEGREE + 1 splines up to its index are not zero
         columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
-        rows = np.arange(0, columns.size + 1, SPLINE_DEGREE + 1)
-        return sparse.csr_array((values.ravel(), columns.ravel(), rows), shape=(len(xi), self.size))
+        row_starts = np.arange(0, columns.size + 1, SPLINE_DEGREE + 1)
+        return sparse.csr_array((values.ravel(), columns.ravel(), row_starts), shape=(len(xi), self.size))
 
     def series(self, y: Array) -> Array:
         """Return Chebyshev series (k, degree + 1) on the cells, for coefficients y (size,)."""
@@ -207,13 +212,14 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     Args:
         cells: edges (k + 1,) of cells in xi.
         z_series: Chebyshev coefficients (k, size) of z on each cell.
+        stretch: the map from sigma to xi.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
     z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
-    edges[[0, -1]] = 0.0, 1.0
+    edges[[0, -1]] = 0.0, 1.0  # free of rounding
     while len(edges) <= MAX_PANELS:
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
@@ -251,7 +257,7 @@ class SpeedSpace(NamedTuple):
         return duration
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Blend coefficients `quick` and `slow` (size,) to a duration [s] in between.
+        """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
 
         The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
         method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
@@ -292,8 +298,10 @@ class SpeedSpace(NamedTuple):
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
-            directions = inverse_weights @ A.T  # (size, c)
-            step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
+            directions = inverse_weights @ A.T  # (size, c) W^-1 A'
+            # least squares, as equalities may depend on each other
+            multipliers = np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
+            step = directions @ multipliers
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break
@@ -312,7 +320,7 @@ class SpeedSpace(NamedTuple):
         return np.vstack([slopes, duration_slopes]), np.append(values, y_duration - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
-        """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
+        """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
 
         Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
         polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative` to z,
@@ -324,9 +332,10 @@ class SpeedSpace(NamedTuple):
             return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
-        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size) T_k at the samples
+        # (4 size, size) T_k at four samples for each coefficient
+        values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
-        change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)
+        change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
         degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
         return np.linalg.inv(change_cost + degree_cost)
 
@@ -336,11 +345,12 @@ class SpeedSpace(NamedTuple):
         dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
         on the panels that resolve z^(-1/2).
         """
-        edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
+        edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges  # in sigma
         points, weights = legendre.leggauss(PANEL_NODES)
         half_widths = 0.5 * np.diff(edges)[:, None]
         sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
         basis_values = self.basis.matrix(self.stretch(sigma))  # (P, size)
         sigma_weights = (half_widths * weights).ravel()  # (P,)
         z = basis_values @ y
-        return float(sigma_weights @ z**-0.5), -0.5 * ((sigma_weights * z**-1.5) @ basis_values)
+        duration = float(sigma_weights @ z**-0.5)
+        return duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values)

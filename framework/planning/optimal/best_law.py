@@ -46,18 +46,18 @@ class Best(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """The duration [s], the relative peak, or the relative energy [s].
+        """The cost by the goal: the duration [s], the relative peak, or the relative energy [s].
 
-        Peak and energy are over the reference and its square.
+        Peak and energy are divided by the reference and its square.
         """
         return cost_of(self.search.goal, self.speed)
 
     @property
     def gap(self) -> float:
-        """The cost over the least cost without regard to smoothness, less 1."""
+        """The cost divided by the least cost, minus 1; a law of least cost need not be smooth."""
         goal = self.search.goal
         least = self.search.least
-        least_cost = least.value if goal == "time" else cost_of(goal, least)
+        least_cost = least.least_duration if goal == "time" else cost_of(goal, least)
         return max(self.cost / least_cost - 1.0, 0.0)
 
 
@@ -74,7 +74,8 @@ def find_best_law(
 
     Args:
         cells: (k + 1,) edges in xi, which are refined; see `first_cells` for the default.
-        units: of a similar program.
+        share: share of the least cost by which the smooth law may exceed it.
+        units: units of a similar program, from which the solution begins.
     """
     goal = problem.specification.goal
     least_cost = find_least_cost(problem, cells, units=units)
@@ -82,7 +83,7 @@ def find_best_law(
         return least_cost if goal == "peak_torque" else _find_least_peak(problem, least_cost, share)
     program, least, units = least_cost
     longest = problem.specification.longest
-    if goal == "time" and longest is not None and least.value > longest:
+    if goal == "time" and longest is not None and least.least_duration > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
     return _search_smooth(SmoothSearch(program, units, least, share), is_least_new=True)
 
@@ -109,7 +110,12 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
-    """Find a smooth law with limits divided by an excess, or with another share for smoothness."""
+    """Find a smooth law with limits divided by an excess, or with another share for smoothness.
+
+    Args:
+        excess: largest torque or speed of the motion over its limit; 1 or more.
+        share: share of the least cost by which the smooth law may exceed it; by default that of `best`.
+    """
     search = best.search._replace(share=share or best.search.share)
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
@@ -123,6 +129,11 @@ def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> B
     """Find the law of least peak torque after another goal failed.
 
     The failure is returned if this law is not found, or is not within the limits.
+
+    Args:
+        problem: the problem whose goal failed.
+        failure: the failed search.
+        share: share of the least cost by which the smooth law may exceed it.
     """
     if not problem.specification.limited:
         return failure
@@ -143,13 +154,15 @@ def _search_smooth(
         similar: the speed of a similar law, from which the search begins.
         is_least_new: whether the least cost of the search already counts its rows and limits.
     """
-    program_solved_again = search.program if is_least_new else None
+    # the program whose least cost is up to date: solving for it again would change nothing
+    program_of_least = search.program if is_least_new else None
     best: Best | None = None
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
             smooth = search.find_smooth(similar)
             if isinstance(smooth, Speed):
+                # keep the law; add rows where it exceeds limits between the points
                 best = _make_best(search, smooth)
                 similar = smooth
                 exceeded = find_exceeded_places(search.program, smooth, search.bounds)
@@ -157,9 +170,10 @@ def _search_smooth(
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            if search.program is program_solved_again and similar is None:
+            # no smooth law: begin without the similar law, or solve for the least cost again
+            if search.program is program_of_least and similar is None:
                 return best or smooth
-            if search.program is program_solved_again:
+            if search.program is program_of_least:
                 similar = None
                 continue
             least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
@@ -167,7 +181,7 @@ def _search_smooth(
                 return best or smooth
             search = search._replace(least=least.speed, units=least.units).limit_duration()
             similar = None
-            program_solved_again = search.program
+            program_of_least = search.program
     except SearchEnded:
         if best is None:
             raise
@@ -179,6 +193,10 @@ def _search_smooth(
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     """Make the law of a speed, adjusted to the required duration, if any.
+
+    Args:
+        search: the search that found the speed.
+        speed: squared speed of the law, with its cost.
 
     Raises:
         InvalidInput: the speed comes too near to zero.

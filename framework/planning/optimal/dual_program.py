@@ -47,9 +47,8 @@ from framework.numerics.cone_program import (
 )
 from framework.planning.optimal.path_series import PathSeries
 
-MULTIPLIER_DEGREE = (
-    2  # of x; degree 1 would err by the width of the cells in the factor, degree 2 by its square
-)
+# of x; the error of the factor is of the order of the cells' width with degree 1, of its square with degree 2
+MULTIPLIER_DEGREE = 2
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
 HALVINGS = 2  # of each cell, for the bound of the integral of |nu|
 SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
@@ -79,12 +78,12 @@ class Evidence(NamedTuple):
     """The bound that multipliers prove.
 
     value: the bound of the peak over the reference, or of the duration [s].
-    lacking: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
+    shortfall: how far below zero the factor may be on each cell (k,); the bound is proved if all are 0.
     shares: shares (k,) of the cells in the integral of |nu|_1.
     """
 
     value: float
-    lacking: Array
+    shortfall: Array
     shares: Array
 
 
@@ -129,6 +128,7 @@ class DualProgram:
         least the mean of its values at both ends.
 
         Args:
+            multipliers: multipliers on the cells.
             least_factor: (k, 2) values of the line at both ends of each cell.
         """
         damping, damping_error = _sum_products(self.series.damping, multipliers.x)
@@ -149,6 +149,9 @@ class DualProgram:
         """Bound factor - minorant from below on each cell (k,).
 
         All terms of factor = nu . cz - p' + mu . k get SIZE coefficients, the least of which is a bound.
+
+        Args:
+            multipliers: multipliers on the cells, with the minorant.
         """
         series = self.series
         x, mu, minorant, _ = multipliers
@@ -168,7 +171,10 @@ class DualProgram:
         return SOLVER_ERROR * self.p_unit / self.series.width
 
     def solve(self, margin: Array) -> Multipliers | None:
-        """Find multipliers with factor - minorant >= margin (k,) and the best bound; None if unsolved."""
+        """Find multipliers with factor - minorant >= margin (k,) and the best bound; None if unsolved.
+
+        A positive margin covers errors of the solver and of the series, so that the bound can be proved.
+        """
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:
@@ -192,7 +198,8 @@ class DualProgram:
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
         """Return the multipliers of a solution, times their units; zero if not among the unknowns.
 
-        Multipliers that must not be negative are raised to zero, as the solver may miss it by an error.
+        Multipliers that must not be negative are raised to zero, since the solver may return slightly
+        negative ones.
         """
         count = len(self.series.width)
         x = np.reshape(self._x_coefficients @ unknowns["x"], (count, MULTIPLIER_DEGREE + 1, -1))
@@ -210,10 +217,13 @@ class DualProgram:
 
         The bound of a peak is divided by the integral of |nu|_1, which is therefore limited to 1. In a bound
         of the duration this integral is part of the cost.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         series = self.series
         width = series.width
-        m = series.v.error.shape[2]
+        m = series.v.error.shape[2]  # number of torques
         count = len(width) * SIZE  # number of coefficients of a function on all cells
 
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
@@ -246,6 +256,9 @@ class DualProgram:
         k(s) z <= 1 are the squared speeds over their limits. mu is constant on each cell; its unknowns are
         ordered by motor, then by cell. Rows of the factor are multiplied by the width of their cell, and so
         is mu . k.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients  # of k(s), (cells, DEGREE + 1, n)
@@ -264,6 +277,9 @@ class DualProgram:
         The unknowns drag, omega, phi and loss are not negative and constant on cells. They bound the term by
         nu . d >= drag - omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) is at
         least -omega^2 / (4 phi), which is at least -loss. `_add_duration` uses drag.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         count = len(width)
@@ -288,15 +304,23 @@ class DualProgram:
         At both ends of each cell slow <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is at most the least
         of minorant z + lambda z^(-1/2). Two cones say so: slow^2 <= root lambda and root^2 <= 2 minorant
         slow.
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width[:, None]
         count = 2 * len(width)
         identity = eye_array(count, format="csr")
+        # the factor less the minorant, a line on each cell with the values of the unknowns at its ends
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
         draft.factor["minorant"] = block_diag([*lines], format="csr")
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
+
+        # the mean of C on a cell is at least the mean of 1.5 slow at its two ends
         end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
+
+        # the cones, with root^2 <= 2 minorant slow and slow^2 <= root lambda
         half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}  # less the share of lambda spent on drag
         if "drag" in draft.sizes:
             half_lambda["share"] = self._add_drag(draft)
@@ -314,6 +338,9 @@ class DualProgram:
 
         Each cell spends a share of lambda on drag. `dragged` is part of the bound: it is at most
         2 (drag share)^(1/2), the least of drag z^(1/2) + share z^(-1/2).
+
+        Args:
+            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
@@ -352,9 +379,10 @@ class DualProgram:
 
     @cached_property
     def _slowness(self) -> Array:
-        """The unit (k, 2) of 1 / (s' T) near the ends of cells.
+        """The unit (k, 2) of 1 / (s' T) near the two ends of each cell.
 
-        The value of a law with s' proportional to (s (1 - s))^(1/2).
+        It is the value of a law with s' proportional to (s (1 - s))^(1/2), a quarter of the width from the
+        ends.
         """
         s = self.series.edges[:-1, None] + self.series.width[:, None] * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
@@ -368,12 +396,13 @@ class DualProgram:
         """
         count, m = len(self.series.width), self.series.v.error.shape[2]
         size = MULTIPLIER_DEGREE + 1
+        # indices of the unknowns of x_0 (k, size), and after them of the other x_i
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)
         others = continuous[-1, -1] + 1 + np.arange(count * size * (m - 1))
         columns = np.dstack([continuous, others.reshape(count, size, m - 1)]).ravel()
         units = np.repeat(self._nu_unit, size * m).reshape(count, size, m)
         units[..., 0] = self.p_unit
-        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))
+        return csr_array((units.ravel(), columns, np.arange(len(columns) + 1)))  # one entry in each row
 
     def _x_rows(self, functions: Array) -> Any:
         """Return rows (k SIZE, number of unknowns "x") of the coefficients of sum f_i x_i.
@@ -382,7 +411,7 @@ class DualProgram:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
-        blocks = np.einsum("jab,kam->kjbm", weights, functions)
+        blocks = np.einsum("jab,kam->kjbm", weights, functions)  # from coefficient b of x_m to j, on cell k
         return block_diag([*blocks.reshape(len(functions), SIZE, -1)], format="csr") @ self._x_coefficients
 
 
@@ -421,6 +450,7 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
     enlarged by rounding, so that it is no less than the true one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
+        # at this y, 2 F y^3 + w y^2 >= lambda
         y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
         falls = True
         while falls:
@@ -434,7 +464,8 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
 def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
     """Compute the coefficients (k, SIZE) of sum f_i x_i on each cell, and their error (k,).
 
-    The values of a function are between its least and its largest coefficient; its mean is theirs.
+    The values of a function are between its least and its largest coefficient. Its mean is the mean of its
+    coefficients.
 
     Args:
         functions: the m functions f_i.

@@ -22,7 +22,8 @@ from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
 from framework.planning.optimal.undeformed_law import problem_of
 
-SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, which makes deflections smooth
+# degree of z as one series, which makes deflections smooth; samples of z for each degree, to fit it
+SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12
 SCALAR_STEP = 1e-4  # of differences in a scalar, over the size of the terms of its condition
 
 
@@ -35,6 +36,7 @@ def find_law_in_balance(
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
+        law: the law near which the result is sought.
         previous: deflections of a similar law, from which the search begins.
         speed_places: s at which the law has the required speeds; by default the crossing points.
 
@@ -47,12 +49,13 @@ def find_law_in_balance(
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
     conditions = condition_rows(problem, law.basis)
+    # values of all conditions; those on required speeds are set to what is required
     values = conditions.matrix @ law.coefficients
     speeds = slice(len(values) - len(task.request.speeds or ()), None)
     values[speeds] = -conditions.offset[speeds]
 
     def shift_conditions(shifts: Array) -> OnParameter:
-        """Return the law nearest to `law` with the values of its first k conditions shifted by (k,)."""
+        """Return the law nearest to `law` whose first k conditions have values shifted by (k,)."""
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
             equalities = Affine(conditions.matrix, -targets)
@@ -76,7 +79,7 @@ def find_law_in_balance(
 def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     """Fit a law with z as one series to a law of splines, with the same duration and condition (8).
 
-    The fit minimises the squares of (z - z_splines) / z_splines.
+    The fit minimises the sum of squares of (z - z_splines) / z_splines.
 
     Raises:
         NotConverged: the series is not positive.

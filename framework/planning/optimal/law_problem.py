@@ -30,11 +30,11 @@ class LawProblem(NamedTuple):
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     z0: the squared speed about which damping is linearised; None leaves damping out.
-    sampled: the demand along the path as series, if these resolve it.
+    sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
-    degree: of z as one Chebyshev series, as smooth as deflections need it; None for splines.
+    degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
     max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
-    response: of the torques of an elastic robot to the law, in place of the rigid robot's torques.
+    response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
     """
 
     task: Task
@@ -106,19 +106,21 @@ class MotorRows(NamedTuple):
         torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
-    def used_share(self, y: Array, allowed: Array) -> Array:
+    def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
+
+        A ratio above 1 exceeds a limit.
 
         Args:
             y: (n,) coefficients of z.
             allowed: (n_a,) torques [N m].
         """
-        shares = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
-        shares += [rows @ y for rows in self.squared_speed]
-        return np.asarray(np.max(shares, axis=0))
+        ratios = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
+        ratios += [rows @ y for rows in self.squared_speed]
+        return np.asarray(np.max(ratios, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Stack rows upon the rows of another."""
+        """Return the rows, with the rows of `other` below."""
         torques = zip(self.torque, other.torque, strict=True)
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
@@ -138,6 +140,10 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
     of c; damping is linearised.
+
+    Args:
+        basis: the functions of xi whose combination is z.
+        conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
     """
     if problem.response is not None:
         return _rows_of_response(problem.response, problem.specification, basis, xi)
@@ -160,6 +166,10 @@ def _rows_of_response(
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
     With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
+
+    Args:
+        response: the torques linearised about a motion in balance.
+        basis: the functions of xi whose combination is z.
     """
     speed = response.speed(xi)
     torque = response.torque(xi)
@@ -189,11 +199,16 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 
     A multiple of the conditions C is subtracted, which vanishes for laws that meet them. T - share C with
     share = T C' (C C')^-1 is orthogonal to C, the direction of the pole.
+
+    Args:
+        torque: torques of one motor [N m] at xi (M,), affine in the coefficients of z.
+        conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
         C = conditions.matrix[chosen]
         products = (torque.matrix @ C.T).toarray()  # (M, k)
+        # least squares, as conditions may depend on each other
         share = np.linalg.lstsq((C @ C.T).toarray(), products.T, rcond=None)[0].T
         is_beside = np.abs(xi - crossing) < POLE_WIDTH
         share = is_beside[:, None] * share
@@ -205,9 +220,9 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on the coefficients of z.
 
-    They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is in xi:
-    dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces the first
-    rows, condition (8) of the undeformed robot, by those of the loaded robot.
+    The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
+    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
+    the first rows, condition (8) of the undeformed robot, by those of the loaded robot.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))

@@ -51,9 +51,9 @@ class NoneFound(NamedTuple):
 def cost_of(goal: str, speed: Speed) -> float:
     """Return the cost of a speed by a goal.
 
-    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": of torques over the
-    reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the peaks
-    of torques and of squared speeds.
+    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": the energy of torques over
+    the reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the
+    peaks of torques and of squared speeds.
     """
     return {
         "time": speed.duration,
@@ -79,10 +79,13 @@ def first_cells(problem: LawProblem) -> Array:
         edges = -np.cos(np.linspace(0.0, np.pi, count + 1))
     crossings = np.unique(problem.crossing_xi)
     for xi in crossings:
+        # of the neighbouring cells; d xi = sin(angle) d angle for a series
         width = 2.0 / count if problem.degree is None else np.pi / count * np.sqrt(1.0 - xi**2)
         distances = np.abs(crossings - xi)
+        # two crossings leave a third of their distance between their cells
         width = min(width, 2.0 / 3.0 * distances[distances > 0.0].min(initial=np.inf))
-        half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))
+        half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))  # ends in front of the end of the path
+        # leave out edges that would make narrow cells
         is_end = np.abs(edges) == 1.0
         is_far = np.abs(edges - xi) > half_width + 0.35 * width
         edges = np.unique(np.concatenate([edges[is_far | is_end], [xi - half_width, xi + half_width]]))
@@ -105,7 +108,7 @@ def find_least_cost(
     Args:
         cells: (k + 1,) edges in xi, at first; see `first_cells` for the default.
         torque_limits: whether the torque limits of the specification hold.
-        units: of a similar program.
+        units: units of a similar program, from which the solution begins.
     """
     goal = problem.specification.goal
     cells = first_cells(problem) if cells is None else cells
@@ -138,6 +141,10 @@ def _solve_on_cells_of_least_peak(
     """Find the least cost on the cells of the least peak; return `none` if that does not help.
 
     There may be a law within the limits on refined cells although there is none on the first cells.
+
+    Args:
+        cells: (k + 1,) the first cells, in xi.
+        none: the failed search on these cells.
     """
     if problem.specification.goal == "peak_torque":
         return none
@@ -158,6 +165,11 @@ def solve_least_cost(
 
     A solver ends early or stalls if the optimum is far from 1. Units are therefore replaced by those of the
     optimum until the two are within MAX_UNIT_RATIO. If the solver gives up, units of a quicker law follow.
+
+    Args:
+        units: the first units; by default an estimate.
+        torque_limits: whether the torque limits of the specification hold.
+        limit_share: share of the limits that may be used.
     """
     specification = program.problem.specification
     goal = specification.goal
@@ -177,6 +189,7 @@ def solve_least_cost(
                 units = Units(0.5 * units.time, 2.0 * units.torque)
             continue
         optimal = own_units(goal, speed, units)
+        # the cost is a time or a torque: only the unit of the cost needs correction
         new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
         if max(new / old, old / new) < MAX_UNIT_RATIO:
             return LeastCost(program, speed, optimal)
@@ -190,14 +203,17 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
     """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
 
     Args:
+        goal: goal of the program.
+        speed: the optimum, with its costs.
         units: returned if the speed has no finite duration.
     """
-    time = speed.value if np.isfinite(speed.value) else speed.duration
+    time = speed.least_duration if np.isfinite(speed.least_duration) else speed.duration
     if not np.isfinite(time):
         return units
     if goal in ("limits", "peak_speed"):  # the cost is a multiple of limits, without a unit of torque
         return Units(time, 1.0)
-    return Units(time, float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak)
+    torque = float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak
+    return Units(time, torque)
 
 
 def _first_units(program: SpeedProgram) -> Units:
@@ -210,15 +226,19 @@ def _first_units(program: SpeedProgram) -> Units:
     """
     problem = program.problem
     specification = problem.specification
+    # time of a law that meets condition (8)
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
     time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
+
+    # inertia: torque over the reference per z, of the motor that needs most
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:
         rows_per_z = [inertia, *map(_median_largest, program.rows.squared_speed)]  # of limits, in s^2
         time = float(np.sqrt(max(rows_per_z))) or 1.0
+
     if specification.limited:
         return Units(time, 1.0)
     weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
@@ -234,8 +254,12 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     """Return the mask (k,) of cells under coefficients that are nearly zero or bend sharply.
 
     The bend of a coefficient is its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not
-    zero between the knots i and i + p + 1. Under a bend, only the inner cells of the middle spline are cut,
-    without two at either end.
+    zero between the knots i and i + p + 1. Under a low coefficient all these cells are cut. Under a bend,
+    only the inner cells of the middle spline are cut, without two at either end.
+
+    Args:
+        program: the program on the present cells.
+        y: (n,) coefficients of its solution.
     """
     basis = program.basis
     if not basis.is_spline:
@@ -247,6 +271,7 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))
     knots = basis.knots
     degree = basis.degree
+    # ends of the stretches to cut; the middle spline of a bend has the number first_of_bend + 1
     start = np.concatenate([knots[low], knots[first_of_bend + 3]])
     end = np.concatenate([knots[low + degree + 1], knots[first_of_bend + degree]])
     is_covered = (basis.cells[:-1, None] >= start) & (basis.cells[1:, None] <= end)  # (k, coefficients)
@@ -254,7 +279,13 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
 
 
 def _cut_cells(problem: LawProblem, cells: Array, to_cut: BoolArray) -> Array:
-    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges."""
+    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges.
+
+    Args:
+        problem: the problem with its crossings.
+        cells: (k + 1,) edges in xi.
+        to_cut: mask of the cells to cut.
+    """
     low = cells[:-1][to_cut]
     high = cells[1:][to_cut]
     in_three = cells_about(cells, problem.crossing_xi)[to_cut]

@@ -42,7 +42,7 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the limit curves of a plan; without torque limits, its peak torque is the limit."""
+    """Compute the limits of s' and s" along a plan; without torque limits, its peak torque is the limit."""
     torque_limit, speed_limit = _choose_limits(plan)
     times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
@@ -57,7 +57,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> Demand:
     """Compute torques and speeds of the undeformed robot's motors at s (T,), dry friction included."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
-    required = demand(branch, Smoothstep(0), s)  # sigma = s
+    required = demand(branch, Smoothstep(0), s)  # Smoothstep(0) is the identity: sigma = s
     friction = required.friction(motor_friction(robot, plan.request.friction))
     torque = required.torque._replace(constant=required.torque.constant + friction)
     return required._replace(torque=torque)
@@ -97,10 +97,11 @@ def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[A
     """
     constant, per_z, per_u = required.torque
     ds = speed[:, None]
-    at_zero = constant + (required.damping + per_z * ds) * ds  # (T, n_a) torques with s" = 0
+    steady_torque = constant + (required.damping + per_z * ds) * ds  # (T, n_a) at s" = 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        # both ends (T, n_a) of the range of s" of each motor
-        lowest, highest = np.sort([(-limit - at_zero) / per_u, (limit - at_zero) / per_u], axis=0)
+        # s" (T, n_a) at which each motor is at a limit; 0 / 0 of a motor that s" does not load is left out
+        at_limits = [(-limit - steady_torque) / per_u, (limit - steady_torque) / per_u]
+        lowest, highest = np.sort(at_limits, axis=0)
     return np.nanmax(lowest, axis=1), np.nanmin(highest, axis=1)
 
 
@@ -114,6 +115,9 @@ def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> 
     Args:
         required: torques and speeds of the motors with sigma = s, so that z = s'^2 and u = s".
         torque_limit, speed_limit: limits (n_a,) [N m, rad/s], infinite for unlimited motors.
+
+    Returns:
+        Infinite where nothing limits s'; NaN where the motors cannot even hold the robot.
     """
     constant, per_z, per_u = required.torque
     is_limited = np.isfinite(torque_limit)
@@ -126,6 +130,7 @@ def highest_speed(required: Demand, torque_limit: Array, speed_limit: Array) -> 
         by_torque = _highest_corner(edges)
     with np.errstate(divide="ignore"):
         by_speed = (speed_limit / np.abs(required.speed)).min(axis=1)
+    # without a corner at s' >= 0 no s" holds the robot
     return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
 
 
@@ -135,8 +140,9 @@ def _highest_corner(edges: Array) -> Array:
     Args:
         edges: (T, m, 4) coefficients of s', s'^2 and s", and the bound of their sum.
     """
-    coefficients, bound = edges[..., :3].swapaxes(1, 2), edges[:, None, :, 3]  # (T, 3, m), (T, 1, m)
-    first, second = np.triu_indices(edges.shape[1], 1)  # all pairs of edges
+    coefficients = edges[..., :3].swapaxes(1, 2)  # (T, 3, m)
+    bound = edges[:, None, :, 3]  # (T, 1, m)
+    first, second = np.triu_indices(edges.shape[1], 1)  # (pairs,) indices of all pairs of edges
     corners = _intersect_edges(edges[:, first], edges[:, second])  # (2, T, pairs, 3)
     with np.errstate(invalid="ignore"):
         values = corners @ coefficients  # (2, T, pairs, m)
@@ -146,10 +152,13 @@ def _highest_corner(edges: Array) -> Array:
 
 
 def _intersect_edges(first: Array, second: Array) -> Array:
-    """Intersect the first edges (T, pairs, 4) with the second ones, see `_highest_corner`.
+    """Intersect edges `first` with edges `second`, (T, pairs, 4) each.
 
     Elimination of s" leaves a s'^2 + b s' = c, which is solved without cancellation. s" then follows from the
     edge with the larger coefficient of s".
+
+    Args:
+        first, second: coefficients of s', s'^2 and s", and the value of their sum on the edge.
 
     Returns:
         Both corners (s', s'^2, s") of each pair, (2, T, pairs, 3); NaN if the edges do not meet.
@@ -159,7 +168,7 @@ def _intersect_edges(first: Array, second: Array) -> Array:
     steeper = np.where(np.abs(per_u_first) > np.abs(per_u_second), first, second)
     per_speed, per_z, per_u, bound = np.moveaxis(steeper, 2, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
+        q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # both terms have one sign
         roots = np.stack([q / a, -c / q])
         speed = np.where(np.isfinite(roots), roots, np.nan)
         acceleration = (bound - (per_speed + per_z * speed) * speed) / per_u

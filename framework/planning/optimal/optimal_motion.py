@@ -64,7 +64,7 @@ WORTHWHILE_GAP, GAP_REDUCTION = 1.5e-2, 8.0
 class ElasticStage(NamedTuple):
     """How smooth the law of an elastic robot has to be.
 
-    share: of the least cost, by which a smooth law may exceed it.
+    share: share of the least cost by which the cost of a smooth law may exceed it.
     max_squared_speed: limit of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
     """
@@ -132,6 +132,10 @@ def optimal_motion(task: Task) -> OptimalMotion:
 def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
+    Args:
+        points: where condition (8) must hold.
+        best: the law, with the search that found it.
+
     Raises:
         NotConverged: limits are still exceeded, or a torque is not resolved; as `resolve`.
     """
@@ -158,16 +162,18 @@ class _ElasticSearch:
     law. Then better laws are sought with torques linear in the law about the last motion. Viscous damping is
     part of these torques; before, it is left out of the law, though not of its motion.
 
+    task: the task as it was set.
     next_task: the task with the limits of the next law.
     points: the crossing points of the undeformed robot.
     sampled: the demand on the motors of the undeformed robot.
-    stages: of laws that are one series; if no such law exists, of spline laws, to which a series is fitted.
+    stages: stages of laws that are one series; if no such law exists, stages of spline laws, to which a
+        series is fitted.
     stage: index of the stage of the next law.
-    share: of the least cost, by which a smooth law may exceed it; None for the stage's own.
+    share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     attempts: at smoother laws that are left after failures, once there is a best motion.
     last_law: the last law found.
-    balance: of the last motion at this stage; None if `resolve` finds the deflections.
-    response: of the torques to the law, about that motion.
+    balance: the balance of the last motion at this stage; None if `resolve` finds the deflections.
+    response: the response of the torques to the law, about that motion.
     speed_places: s of the crossings of that motion, where speeds may be required.
     best_motion: the best certified motion within the limits.
     first_failure: raised if no stage succeeds.
@@ -222,7 +228,7 @@ class _ElasticSearch:
         """Choose a smoother law for one more attempt; return False if none is left.
 
         Args:
-            gap: of the best motion.
+            gap: cost of the best motion over the least cost, less 1.
         """
         if not self.attempts:
             return False
@@ -235,7 +241,7 @@ class _ElasticSearch:
         return is_below_gap
 
     def _try_smaller_share(self, gap: float) -> bool:
-        """Lower the share for smoothness if the gap is large; return False if not."""
+        """Lower the share for smoothness if the gap to the least cost is large; return False if not."""
         share = gap / GAP_REDUCTION
         is_tried = self.share is not None and self.share <= share
         if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self._uses_splines:
@@ -378,7 +384,7 @@ def _has_predicted_peak(motion: OptimalMotion) -> bool:
 def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
     """Return the cost of a certified motion by the goal of the task.
 
-    The duration [s], the peak torque over the reference, or the integral of (torque / reference)^2 [s].
+    It is the duration [s], the peak torque over the reference, or the integral of (torque / reference)^2 [s].
     """
     goal = task.specification.goal
     reference = motion.best.reference
@@ -391,7 +397,11 @@ def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
 
 
 def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law, with known deflections in balance, if any."""
+    """Compute and certify the torques of a law.
+
+    Args:
+        known: deflections in balance; None to solve for the deflections.
+    """
     return resolve(
         task.to_cross.searched,
         lambda *_: law,

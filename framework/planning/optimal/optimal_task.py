@@ -84,8 +84,12 @@ def conditions_at(
     required speeds, z phi'^2 = speed^2.
 
     Args:
-        z0: the squared speed about which viscous damping is linearised.
+        points: where condition (8) must hold.
+        z0: the squared speed about which viscous damping is linearised; None leaves damping out.
         speed_places: s of the required speeds; by default the points.
+
+    Returns:
+        The parameter sigma of each condition, and the conditions.
     """
     sigmas = list[float]()
     rows = list[Array]()
@@ -108,6 +112,9 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
 
     Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
     determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
+
+    Args:
+        points: the points of the path where condition (8) must hold.
     """
     if task.robot.is_damped:
         return
@@ -134,7 +141,7 @@ def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
     The rows (k, 4) require A (z, u) = -constant with A = [per_z per_u] = U diag(S) V'. The solution of least
     norm is V S^-1 U' (-constant). It exists if the components of U' (-constant) beyond the rank of A vanish.
     """
-    size = np.abs(rows).max()
+    size = np.abs(rows).max()  # singular values and residuals far below it are rounding
     U, S, V_rows = np.linalg.svd(rows[:, 1:3])
     rank = int(np.sum(NO_HOLD * size < S))
     required = -U.T @ rows[:, 0]

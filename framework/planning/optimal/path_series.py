@@ -69,7 +69,7 @@ def uniform_cells(task: Task, count: int) -> Array:
     xi = np.linspace(-1.0, 1.0, count + 1)
     edges = np.clip(phi(stretch.inverse(xi)), 0.0, 1.0)
     edges = np.unique(np.concatenate([edges, branch.path.knots, branch.wrenches.knots]))
-    for s in crossings:
+    for s in crossings:  # replace an edge on the crossing by the edges of a cell about it
         edges = edges[np.abs(edges - s) > LEAST_WIDTH]
         others = np.append(edges, crossings[crossings != s])
         third = np.abs(others - s).min() / 3.0
@@ -88,7 +88,8 @@ def cut_cells(task: Task, edges: Array, parts: IntArray) -> Array:
     first_part = np.cumsum(parts) - parts  # of each cell
     number_in_cell = np.arange(len(cell_of_part)) - first_part[cell_of_part]
     width = np.diff(edges) / parts
-    return np.append(edges[cell_of_part] + number_in_cell * width[cell_of_part], edges[-1])
+    starts = edges[cell_of_part] + number_in_cell * width[cell_of_part]
+    return np.append(starts, edges[-1])
 
 
 def cells_about(edges: Array, points: Array) -> BoolArray:
@@ -105,7 +106,8 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
     """Fit functions on cells, halved until all functions resolve; None without success.
 
     Args:
-        reference: torques (n_a,) [N m]; motors with an infinite reference are left out.
+        reference: torques (n_a,) [N m] by which torques are divided, such as their limits; motors with an
+            infinite reference are left out.
         edges: edges (k + 1,) of the cells in s, all knots among them.
     """
     for _ in range(MAX_CUTS):
@@ -127,7 +129,12 @@ class _Fit(NamedTuple):
 
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells; arguments as for `resolve_series`."""
+    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells.
+
+    Args:
+        reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
+        edges: edges (k + 1,) of the cells in s.
+    """
     samples = _sample_cells(task, reference, edges)
     directions, v = _multiplier_basis(samples.per_u)
     torques = (samples.constant, samples.per_z, samples.damping)
@@ -139,7 +146,9 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
     largest_v = np.abs(v).max(axis=1)  # (k, m, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
     series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
-    return _Fit(series, np.asarray(np.all(masks, axis=0)), np.asarray(samples.friction_error.any(axis=1)))
+    is_resolved = np.asarray(np.all(masks, axis=0))
+    reverses = np.asarray(samples.friction_error.any(axis=1))
+    return _Fit(series, is_resolved, reverses)
 
 
 class _Samples(NamedTuple):
@@ -154,12 +163,18 @@ class _Samples(NamedTuple):
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
-    """Sample torques and speeds at the nodes of each cell; arguments as for `resolve_series`."""
+    """Sample torques over their reference, and speeds over their limits, at the nodes of each cell.
+
+    Args:
+        reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
+        edges: edges (k + 1,) of the cells in s.
+    """
     specification = task.specification
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
-    required = demand(task.branch, Smoothstep(0), s)
+    required = demand(task.branch, Smoothstep(0), s)  # Smoothstep(0) is the identity: sigma = s
     friction, friction_error = _mean_friction(required, specification.friction)
     torque = required.torque
+    # the parts c, cz, d and cu of the torque c + cz z + cu u + d sqrt(z)
     torques = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
     constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
     speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
@@ -178,10 +193,14 @@ def _split_by_cell(values: Array) -> Array:
 
 
 def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
-    """Compute the mean dry friction of each cell at its nodes (k NODES, n_a), and the error (k, n_a).
+    """Compute mean dry friction (k NODES, n_a) [N m] of each cell, and errors (k, n_a).
 
-    The friction is that of `required`, of sizes (n_a,). The error is 2 size if a motor reverses within the
-    cell. Two reversals between neighbouring nodes remain unseen, as in plans.
+    A constant on the cell is a series; the friction itself, which jumps where a motor reverses, is not. The
+    error is then 2 size. Two reversals between neighbouring nodes remain unseen, as in plans.
+
+    Args:
+        required: gives the directions of the motors.
+        size: dry friction (n_a,) [N m].
     """
     friction = _split_by_cell(required.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
@@ -189,17 +208,17 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques cu (k, NODES, m).
+    """Compute the directions e (k, m - 1, m) and v (k, NODES, m, m) of multipliers nu.
 
-    v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The e_i of a cell are orthogonal to cu at the
-    node beside its middle.
+    With the torques cu (k, NODES, m) per u, v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The
+    e_i of a cell are orthogonal to cu at the node beside its middle.
     """
     along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
     orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # (k, m, m) with the first column along cu
     e_columns = orthonormal[:, :, 1:]
     e = e_columns.swapaxes(1, 2)
-    cosines = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
-    across = e[:, None] - cosines[..., None] * along[:, :, None]
+    components = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
+    across = e[:, None] - components[..., None] * along[:, :, None]  # v_i
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)
 
 
@@ -217,22 +236,25 @@ class SampledDemand(NamedTuple):
     has_friction: bool
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
-        """Compute the demand at sigma (M,), affine in z and u.
+        """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
 
-        It follows from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+        They follow from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+
+        Args:
+            phi: the map from sigma to s.
         """
         s = phi(sigma)
         dphi = phi(sigma, 1)[:, None]
         ddphi = phi(sigma, 2)[:, None]
         pole_product = _pole_product(s, self.poles)
-        *torques, speed = np.split(self.series(s), 5, axis=1)  # the quantities of `series`
+        *torques, speed = np.split(self.series(s), 5, axis=1)  # the five quantities of `series`
         constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
         affine = AffineInSpeed(constant, per_z * dphi**2 + per_u * ddphi, per_u * dphi)
         return Demand(affine, damping * dphi, speed * dphi, speed if self.has_friction else None)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:
-    """Compute the product (T, 1) of s - pole over all poles."""
+    """Compute the product (T, 1) of s - pole over all poles (k,), at s (T,)."""
     return (s[:, None] - poles).prod(axis=1)[:, None]
 
 
@@ -248,7 +270,7 @@ def sample_demand(task: Task) -> SampledDemand | None:
     edges = uniform_cells(task, FIRST_CHEBYSHEV_CELLS)
     while len(edges) <= MAX_CHEBYSHEV_CELLS:
         grid = TimeGrid(edges, CHEBYSHEV_NODES)
-        required = demand(task.branch, Smoothstep(0), grid.times)
+        required = demand(task.branch, Smoothstep(0), grid.times)  # sigma = s, not times
         pole_product = _pole_product(grid.times, poles)
         torques = [part * pole_product for part in (*required.torque, required.damping)]
         series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
@@ -269,7 +291,7 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     """
     panels, size, _ = series.coefficients.shape
     by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
-    at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)
+    at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)  # (P, size) each
     sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
     tail = sizes[:, -2:].max(axis=1)
     largest = sizes.max(axis=1)

@@ -89,6 +89,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
     task = Task(PathToCross(searched, searched.points), plan.request, specification)
     if specification.goal == "time":
         return bound_duration(task)
+    # peaks are relative to the limits; motors without a limit have the reference of the plan
     limited = specification.limited_motors
     return bound_peak(task, np.where(limited, specification.torque_limit, plan.optimality.reference))
 
@@ -103,7 +104,7 @@ class _Proof(NamedTuple):
     @property
     def complete(self) -> bool:
         """Whether the bound is positive, and proved on all cells."""
-        return self.evidence.value > 0.0 and not self.evidence.lacking.any()
+        return self.evidence.value > 0.0 and not self.evidence.shortfall.any()
 
 
 def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | None:
@@ -138,7 +139,8 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     factor is not proved positive.
 
     Args:
-        reference, timed: as for `_bound_laws`.
+        reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
+        timed: whether the duration is bounded instead of the peak.
     """
     if not _has_bound(task, reference):
         return None
@@ -148,7 +150,9 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     edges = uniform_cells(task, FIRST_CELLS)
     while True:
         series = resolve_series(task, reference, edges)
-        proof = series and _solve_program(DualProgram(series, longest, timed), proof)
+        if series is None:
+            return best
+        proof = _solve_program(DualProgram(series, longest, timed), previous=proof)
         if proof is None:
             return best
         if proof.complete:
@@ -157,7 +161,7 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
                 best = proof
             if gain < MIN_GAIN:
                 return best
-        parts = _choose_parts(proof.evidence)  # an incomplete proof has a cell to cut: the number grows
+        parts = _choose_parts(proof.evidence)  # an incomplete proof has a cell to cut, so the search ends
         if parts.sum() > MAX_CELLS:
             return best
         edges = cut_cells(task, proof.series.edges, parts)
@@ -167,6 +171,9 @@ def _has_bound(task: Task, reference: Array) -> bool:
     """Return whether bounds of a task are known.
 
     They are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
+
+    Args:
+        reference: torques (n_a,) [N m]; infinite for motors that do not count.
     """
     robot = task.robot
     if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
@@ -179,14 +186,17 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
     A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive
     on it. Each cell then gets at least as many parts as its neighbours.
+
+    Args:
+        evidence: the bound that the multipliers prove, with its faults on each cell.
     """
     from scipy.ndimage import maximum_filter1d  # slow to import, and few plans ask for bounds
 
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
     parts = 1 + (share_over_mean > halving_share) + 2 * (share_over_mean > quartering_share)
-    parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
-    return maximum_filter1d(parts, 3)
+    parts = np.where(evidence.shortfall > 0.0, np.maximum(parts, 2), parts)
+    return maximum_filter1d(parts, 3)  # of each cell and its two neighbours
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
@@ -194,7 +204,11 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
 
     The margin (k,) is the least value of factor - minorant that the program asks for on each cell. At first
     it covers the error of the solver and, with a proof on the previous cells, the error of the series times
-    the multipliers of that proof. Then it grows by the shortfall of the last solution.
+    the multipliers of that proof. Then it grows by twice the shortfall of the last solution.
+
+    Args:
+        program: the search for multipliers on new cells.
+        previous: the proof on the previous cells, if any.
 
     Returns:
         The last proof, complete or not.
@@ -205,7 +219,8 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
         middles = 0.5 * (series.edges[1:] + series.edges[:-1])
         previous_cell = np.searchsorted(previous.series.edges, middles) - 1  # of each cell of the series
         x_size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]  # (k, m)
-        margin = margin + ERROR_GROWTH * (x_size * series.per_z.error).sum(axis=1)
+        series_error = (x_size * series.per_z.error).sum(axis=1)  # (k,) of the factor
+        margin = margin + ERROR_GROWTH * series_error
 
     proof = None
     for _ in range(MAX_MARGINS):
@@ -215,17 +230,17 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
         proof = _Proof(series, multipliers, program.evaluate_bound(multipliers))
         if proof.complete:
             break
-        margin = margin + 2.0 * proof.evidence.lacking
+        margin = margin + 2.0 * proof.evidence.shortfall
     return proof
 
 
 def _peak_at_rest(task: Task, reference: Array) -> float:
-    """Return the largest holding torque at both ends of the path, over the reference.
+    """Return the largest holding torque at the two ends of the path, over the reference (n_a,) [N m].
 
     Every law whose s' and s" vanish at the ends needs this torque; 0 if s" need not vanish.
     """
     if task.specification.smoothness < 2:
         return 0.0
-    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]))
+    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]))  # sigma = s
     torque = required.torque.constant + required.friction(task.specification.friction)
     return float(np.abs(torque / reference).max())

@@ -40,10 +40,8 @@ from framework.planning.condition import CrossingPoint, bounds_of_terms, remove_
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
-HALF_WIDTH, NODES = (
-    0.02,
-    13,
-)  # half width in sigma, and nodes, of the panel on which conditions are differentiated
+# half width in sigma, and nodes, of the panel on which conditions are differentiated
+HALF_WIDTH, NODES = 0.02, 13
 
 
 class SquaredSpeed(Protocol):
@@ -88,7 +86,11 @@ class Demand(NamedTuple):
 
 
 def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
-    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma)."""
+    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma).
+
+    Args:
+        phi: the map from sigma to s.
+    """
     robot = branch.robot
     s = phi(sigma)
     count = len(sigma)
@@ -100,11 +102,13 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
         torque = motor_torque(robot, probes, balanced.joint_torque)
         return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, probes, sigma, s, None)
+    forces = _linearised_forces(branch, probes, sigma, s, z0=None)  # without damping
     torque = motor_torques(forces)
     damping = np.zeros_like(torque.constant)
     rates = _rates_per_root_z(probes)
-    if robot.is_damped:  # the torques are linear in the forces: damping adds this difference times sqrt(z)
+    # torques are linear in forces: their change by damping forces at sqrt(z) = 1 is the coefficient of
+    # sqrt(z)
+    if robot.is_damped:
         forces[0] += robot.joint_damping * rates
         damping = motor_torques(forces).constant - torque.constant
     speed = rates[:, robot.actuated] * robot.gear_ratio
@@ -112,12 +116,17 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
 
 
 def _rates_per_root_z(probes: Motion) -> Array:
-    """Return the joint rates (M, nv) of the second third of `_probe_motions`, at z = 1."""
+    """Return the joint rates (M, nv) at z = 1, the second third of `_probe_motions`."""
     return np.split(probes.v, 3)[1]
 
 
 def _motor_direction(branch: Branch, s: Array, probes: Motion) -> Array | None:
-    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction."""
+    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction.
+
+    Args:
+        s: (M,) path coordinates.
+        probes: (3 M,) motions, of which the first M give the poses.
+    """
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
@@ -137,6 +146,7 @@ def _linearised_forces(
     speed z0; None leaves damping out.
 
     Args:
+        probes: (3 M,) motions of the joints.
         sigma, s: parameters (M,) of the points, s = phi(sigma).
     """
     robot = branch.robot
@@ -146,6 +156,7 @@ def _linearised_forces(
     forces[0] = static_forces(robot, probes.q[at_rest], wrenches)
     if robot.is_damped and z0 is not None:
         root = np.sqrt(z0(sigma))[:, None]
+        # sqrt(z) = sqrt(z0) / 2 + z / (2 sqrt(z0)) to first order
         half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(probes)
         forces[0] += half_damping * root
         forces[1] += half_damping / root
@@ -174,28 +185,33 @@ def crossing_rows(
 
 
 def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
-    """Compute the conditions (k, 4) of all uncontrolled motions; arguments as for `crossing_rows`.
+    """Compute the conditions (k, 4) per (1, z, u, u') of all uncontrolled motions at a crossing.
 
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
     (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
     about the crossing. Null vectors of the bordered system are smooth there, and so are the conditions.
+
+    Args:
+        phi: the map from sigma to s.
+        z0: the squared speed about which damping is linearised, if any.
     """
     sigma = float(phi.inverse(crossing.s))
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
-    points = np.append(sigma + half_width * nodes(NODES), sigma)
-    values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
+    points = np.append(sigma + half_width * nodes(NODES), sigma)  # the crossing is the last one
+    values, scale = _conditions_at_points(branch, phi, points, crossing.corank, z0)
     rows = np.pad(values[-1], ((0, 0), (0, 1)))  # (corank, 4), zero per u'
     if crossing.corank > 1:
-        size = size.max()
-        rows = _independent_rows(rows, size)
+        scale = scale.max()
+        rows = _independent_rows(rows, scale)
 
     if crossing.touches:
-        series = coefficients(values[:-1].reshape(NODES, -1))
+        series = coefficients(values[:-1].reshape(NODES, -1))  # of (c0, cz, cu) on the panel
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half_width
         slopes[:, 2] += 2.0 * rows[:, 1]  # cu' + 2 cz
-        rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
-        size = np.concatenate([size, size / half_width])
-    return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
+        derivative_rows = np.column_stack([slopes, rows[:, 2]])  # with cu per u'
+        rows = np.concatenate([rows, derivative_rows])
+        scale = np.concatenate([scale, scale / half_width])  # a derivative is a change over the half width
+    return np.where(np.abs(rows) > CONDITION_ROUNDING * scale, rows, 0.0)
 
 
 def _conditions_at_points(
@@ -207,19 +223,23 @@ def _conditions_at_points(
     rounding.
 
     Args:
+        phi: the map from sigma to s.
         sigma: parameters (M,) of the points, the last one that of the singular pose.
+        corank: number of uncontrolled motions.
+        z0: the squared speed about which damping is linearised, if any.
     """
     robot = branch.robot
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
+    # null vectors that are smooth along the path: the border is that of the singular pose
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     probes = _probe_motions(branch, phi, sigma, closed)
     forces = _linearised_forces(branch, probes, sigma, s, z0)
     terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
-    sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
-    return np.moveaxis(terms.sum(axis=3), 0, 2), sizes
+    scales = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
+    return np.moveaxis(terms.sum(axis=3), 0, 2), scales
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
@@ -228,7 +248,8 @@ def _independent_rows(rows: Array, size: float) -> Array:
     Two motions of a symmetric robot may require the same condition.
 
     Args:
-        size: scale of the rows.
+        rows: conditions of all uncontrolled motions.
+        size: largest sum of sizes of the terms of a row; singular values far below it are rounding.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
@@ -241,9 +262,13 @@ def _wrench_row(
     crossing: CrossingPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
-    """Compute t_s . W_p (3,) at a crossing per (1, z, u); arguments as for `crossing_rows`.
+    """Compute t_s . W_p (3,) at a crossing per (1, z, u).
 
     Coefficients that are only rounding of their terms are set to zero.
+
+    Args:
+        phi: the map from sigma to s.
+        z0: the squared speed about which damping is linearised, if any.
     """
     robot = branch.robot
     s = np.array([crossing.s])
@@ -254,8 +279,8 @@ def _wrench_row(
     probes = _probe_motions(branch, phi, sigma, closed)
     terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
     bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
-    size = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return remove_rounding(terms.sum(axis=1), size, 2)
+    scale = np.maximum(np.abs(terms).sum(axis=1), bounds)
+    return remove_rounding(terms.sum(axis=1), scale, alpha=2)  # the coefficient of u, and so of s"
 
 
 def _bound_wrench_terms(
@@ -267,10 +292,12 @@ def _bound_wrench_terms(
     s" = phi' u + phi" z.
 
     Args:
+        crossing: the crossing, with t_s.
+        sigma: its parameter.
         rates: joint rates (nv,) at z = 1.
     """
     dphi, ddphi = (float(phi(sigma, order)) for order in (1, 2))
-    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi
+    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi  # largest joint rate per s'
     alpha, beta, gamma, _ = bounds_of_terms(branch, crossing, rate)
     return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
 

@@ -26,21 +26,23 @@ BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fal
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
-WAITING_WIDTHS = (
-    0.15,
-    0.05,
-)  # in sigma, of the intervals where a law may wait; the second if the first fails
+# in sigma, of the intervals where a law may wait; the second if the first fails
+WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
-BETWEEN = np.arange(1, 6) / 6  # shares of the interval between two points, where limits are checked
-NEARLY_REACHED = 0.98  # share of the allowed value
+# places between two neighbouring points where limits are checked, as shares of their interval
+PLACES_BETWEEN_POINTS = np.arange(1, 6) / 6
+NEARLY_REACHED = 0.98  # ratio of a torque or squared speed to its limit; the next law may exceed it
 
 
 class SmoothSearch(NamedTuple):
     """The search for a smooth law near the least cost of a program.
 
-    share: of the least cost, by which a smooth law may exceed it.
-    limit_share: of the limits that may be used, as lowered after certified motions.
-    pace: the longest duration [s] of a smooth law if none is required; None without a bound.
+    program: the cone program, with rows at the points where limits are kept.
+    units: units of time and torque in which its optimum is near 1.
+    least: the speed of least cost.
+    share: share of the least cost by which the cost of a smooth law may exceed it.
+    limit_share: share of the limits that may be used; lowered if a certified motion exceeds a limit.
+    duration_limit: longest duration [s] of a smooth law if none is required; None without a bound.
     """
 
     program: SpeedProgram
@@ -48,7 +50,7 @@ class SmoothSearch(NamedTuple):
     least: Speed
     share: float
     limit_share: float = 1.0
-    pace: float | None = None
+    duration_limit: float | None = None
 
     @property
     def goal(self) -> str:
@@ -56,20 +58,20 @@ class SmoothSearch(NamedTuple):
 
     @property
     def bounds(self) -> Bounds:
-        """The limits, and the least cost enlarged by the share for smoothness."""
+        """The bounds of a smooth law: the limits, and the least cost enlarged by the share for smoothness."""
         specification = self.program.problem.specification
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
-        if self.goal == "time":
-            return Bounds(min(cost_factor * self.least.value, longest or np.inf), share=limit_share)
+        if self.goal == "time":  # the cost is the duration
+            return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
         if longest is None:
-            longest = self.pace
+            longest = self.duration_limit
         else:
-            longest = min(longest * (1.0 - SAME_DURATION), self.pace or np.inf)
+            longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
         if self.goal == "energy":
             return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
-        largest_peak = cost_factor * self.least.peak
+        largest_peak = cost_factor * self.least.peak  # the cost of the other goals
         if specification.limited and self.least.peak <= 1.0:
             largest_peak = min(largest_peak, 1.0)
         return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
@@ -82,8 +84,8 @@ class SmoothSearch(NamedTuple):
         quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
         if isinstance(quick, Unsolved):
             return self
-        pace = min(specification.longest or np.inf, 2.0 * quick.duration)
-        return self._replace(pace=pace, units=self.units._replace(time=pace))
+        duration_limit = min(specification.longest or np.inf, 2.0 * quick.duration)
+        return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
     def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds, of the required duration, if any.
@@ -101,9 +103,9 @@ class SmoothSearch(NamedTuple):
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
-        If the smoothest law is too quick, a law of this duration is found by the tangent of T(z) about the
-        smoothest law, or else by a blend with a slow law. It is then improved by the tangent of T(z) about
-        itself.
+        If the smoothest law is too quick, a law of this duration is found by the tangent of the duration T(z)
+        about the smoothest law, or else by a blend with a slow law. It is then improved by the tangent of
+        T(z) about itself.
 
         Args:
             similar: a law of this duration, if one is known.
@@ -113,6 +115,8 @@ class SmoothSearch(NamedTuple):
         smooth, floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
+
+        # the smoothest law is too quick: begin with the similar law, the smoothest law, or a slow law
         bounds = self.bounds._replace(longest=None)
         if similar is not None:
             law = self._improve("curvature", similar, smooth, bounds, floor)
@@ -129,9 +133,15 @@ class SmoothSearch(NamedTuple):
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
-        """Solve with the highest feasible floor under z; return the law and the floor [1/s^2].
+        """Solve with the highest feasible lower bound of z; return the law and this floor [1/s^2].
 
-        Floors more than ten times that of a similar law are left out, since they had no solution.
+        The floors SQUARED_SPEED_FLOORS are tried in turn, in units of 1 / longest duration^2. Floors more
+        than ten times that of a similar law are left out, since they had no solution.
+
+        Args:
+            bounds: bounds of duration, peak and energy.
+            goal: of `SpeedProgram.minimise`.
+            similar: the speed of a similar law, with its floor.
         """
         assert bounds.longest is not None
         status = ""
@@ -140,7 +150,7 @@ class SmoothSearch(NamedTuple):
             floors = floors[floors <= 10.0 * similar.floor]
         for floor in floors:
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
-            if _takes_at_least(law, 0.0):
+            if _takes_at_least(law, 0.0):  # a law with a finite duration was found
                 return law, floor
             status = law.status if isinstance(law, Unsolved) else "z is not positive"
         return NoneFound(self.program, status), 0.0
@@ -157,19 +167,32 @@ class SmoothSearch(NamedTuple):
 
         A law that stands still between the points is blended with a quick law, so that its z is at least
         LIFTED_SHARE of the quick law's.
+
+        Args:
+            quick: a quick law, whose z is positive everywhere.
+            goal: goal of `SpeedProgram.minimise`.
+            bounds: bounds of duration, peak and energy.
         """
         slow = self.program.minimise(goal, bounds, self.units, **options)
         if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
             return slow
-        values, _ = self.program.fine_quadrature
-        z, z_quick = values @ slow.y, values @ quick.y
+        values, _weights = self.program.fine_quadrature
+        z = values @ slow.y
+        z_quick = values @ quick.y
+        # the share of the quick law in the blend at which z is LIFTED_SHARE z_quick, at each point
         share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
         largest_share = share[z < LIFTED_SHARE * z_quick].max()
         blend = slow.y + largest_share * (quick.y - slow.y)
         return self.program.evaluate_speed(blend)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends."""
+        """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends.
+
+        Args:
+            quick: a law that is too quick.
+            bounds: bounds of duration, peak and energy.
+            floor: lower bound of z [1/s^2].
+        """
         sigma = self._positive_sigma
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
@@ -181,8 +204,13 @@ class SmoothSearch(NamedTuple):
     def _slow_down(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s] by minimising integrals of weights times z.
 
-        The weights are z^(-3/2) of the last law, to which the derivative of T = integral of z^(-1/2) is
-        proportional.
+        The weights are z^(-3/2) of the last law. The derivative of the duration T = integral of z^(-1/2) is
+        proportional to them, so each law is slower than the last one. At first they are 1.
+
+        Args:
+            quick: a law that is too quick.
+            bounds: bounds of duration, peak and energy.
+            floor: lower bound of z [1/s^2].
         """
         weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
@@ -192,7 +220,7 @@ class SmoothSearch(NamedTuple):
             if isinstance(slow, Unsolved):
                 return NoneFound(self.program, slow.status)
             z = self.program.z @ slow.y
-            weights = (z / z.max()) ** -1.5
+            weights = (z / z.max()) ** -1.5  # at least 1
         return self._refuse_duration(duration)
 
     def _refuse_duration(self, duration: float) -> NoneFound:
@@ -208,12 +236,19 @@ class SmoothSearch(NamedTuple):
         floor: float,
         duration: float | None = None,
     ) -> Speed:
-        """Lower the cost of a law at a duration [s], by default its own, by its tangent of T(z).
+        """Lower the cost of a law at a duration [s] by the tangent of T(z) at this law.
 
         The law itself is returned if the program has no solution, or one that is too quick all the same.
+
+        Args:
+            goal: "curvature" or "energy".
+            quick: a quicker law; a solution that is too slow is blended with it to the duration.
+            bounds: bounds of duration, peak and energy.
+            floor: lower bound of z [1/s^2].
+            duration: by default that of the law.
         """
         duration = duration or law.duration
-        bounds = bounds._replace(longest=4.0 * duration)
+        bounds = bounds._replace(longest=4.0 * duration)  # far above what a solution takes
         slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=(law.y, duration))
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
@@ -230,7 +265,7 @@ class SmoothSearch(NamedTuple):
         Args:
             similar: a law of this duration, which takes the place of the law of least energy.
         """
-        limits = Bounds(share=self.bounds.share)
+        limits = Bounds(share=self.bounds.share)  # without a bound of duration, peak or energy
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
         if isinstance(quick, NoneFound):
             return quick
@@ -241,11 +276,13 @@ class SmoothSearch(NamedTuple):
             if not starts:
                 return self._refuse_duration(duration)
             law = self._descend(min(starts, key=_energy_of), quick, floor)
+
+        # the smoothest law within a share of this energy
         bounds = Bounds(duration, energy=(1.0 + self.share) * law.energy, share=limits.share)
         smooth = self.program.minimise("curvature", bounds, self.units, floor=floor)
         if _takes_at_least(smooth, least_duration):
             return smooth
-        if _takes_at_least(smooth, 0.0):
+        if _takes_at_least(smooth, 0.0):  # a law, though a quicker one
             quick = smooth
         smooth = self._improve("curvature", law, quick, bounds, floor)
         if similar is not None and smooth is similar:
@@ -256,10 +293,15 @@ class SmoothSearch(NamedTuple):
         """Lower the energy of a law step by step, as long as the gain is worth a step.
 
         The energy of the quick law is the least of all, also of laws that take longer.
+
+        Args:
+            law: a law of the required duration.
+            quick: the law of least energy, which is quicker.
+            floor: lower bound of z [1/s^2].
         """
         limits = Bounds(share=self.bounds.share)
         for _ in range(MAX_ENERGY_STEPS):
-            if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:
+            if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:  # smoothness adds `share` of it anyway
                 break
             better = self._improve("energy", law, quick, limits, floor)
             gain = law.energy - better.energy
@@ -269,7 +311,12 @@ class SmoothSearch(NamedTuple):
         return law
 
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
-        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak."""
+        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak.
+
+        Args:
+            quick: the law of least energy, which is quicker.
+            floor: lower bound of z [1/s^2].
+        """
         limits = Bounds(share=self.bounds.share)
         for width in WAITING_WIDTHS:
             laws = []
@@ -281,6 +328,7 @@ class SmoothSearch(NamedTuple):
             yield from laws
             if laws:
                 break
+
         of_peak = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
         least = solve_least_cost(of_peak)
         if not isinstance(least, NoneFound):
@@ -295,25 +343,32 @@ class SmoothSearch(NamedTuple):
         return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
 
     def _choose_waits(self, width: float) -> Iterator[BoolArray]:
-        """Yield masks (m,) of intervals to wait in: at the cheaper end, and where holding costs less inside.
+        """Yield masks (m,) of intervals to wait in: at the cheaper end, and at cheap points inside the path.
 
         The cost of holding is the sum of (torque at rest over the reference)^2. Inside the path, its local
         minima are candidates.
+
+        Args:
+            width: width of the intervals, in sigma.
         """
         sigma = self._positive_sigma
         cost = self._holding_cost(sigma)
         yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
-        inner = cost[1:-1]
-        is_minimum = (inner <= cost[:-2]) & (inner <= cost[2:])
-        is_cheap = inner < MAX_INNER_COST * min(cost[0], cost[-1])
+        inner_cost = cost[1:-1]
+        is_minimum = (inner_cost <= cost[:-2]) & (inner_cost <= cost[2:])
+        is_cheap = inner_cost < MAX_INNER_COST * min(cost[0], cost[-1])
         for middle in sigma[1:-1][is_minimum & is_cheap]:
             yield np.abs(sigma - middle) < 0.5 * width
 
     def _holding_cost(self, sigma: Array) -> Array:
-        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,)."""
+        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,).
+
+        Args:
+            sigma: points of the path.
+        """
         program = self.program
-        points = program.problem.task.stretch.inverse(program.xi)
-        torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]
+        points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,)
+        torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]  # where z = u = 0
         ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
         return np.interp(sigma, points, (ratio**2).sum(axis=1))
 
@@ -326,13 +381,18 @@ def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
 def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) -> Array:
     """Return caps (m,) of z [1/s^2] with which an interval in sigma takes longer than a duration [s].
 
-    Caps are above the floor. They are infinite where the law does not wait.
+    At the constant speed width / duration the interval takes exactly the duration; the cap of the speed is
+    0.7 of this. Caps are above the floor, so that the program has a solution. They are infinite where the law
+    does not wait.
 
     Args:
         waits: mask (m,) of the interval.
-        width: of the interval.
+        width: width of the interval, in sigma.
+        duration: [s].
+        floor: lower bound of z [1/s^2].
     """
-    return np.where(waits, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
+    highest = max((0.7 * width / duration) ** 2, 1.01 * floor)
+    return np.where(waits, highest, np.inf)
 
 
 def _energy_of(speed: Speed) -> float:
@@ -342,23 +402,36 @@ def _energy_of(speed: Speed) -> float:
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
     """Find xi (R,) between the points at which a limit or the peak bound is exceeded.
 
-    If any is exceeded, local maxima that nearly reach a limit are added, since the next law would exceed the
-    limit there.
+    Only intervals beside a point that nearly reaches a limit are searched. If a limit is exceeded anywhere,
+    local maxima that nearly reach one are added, since the next law would exceed the limit there.
+
+    Args:
+        program: the program, whose rows keep the limits at its points.
+        speed: its solution.
+        bounds: the bounds of this solution.
     """
     problem = program.problem
-    allowed = problem.specification.torque_limit
+    allowed = problem.specification.torque_limit  # (n_a,) [N m]
     if bounds.peak is not None:
+        # what the torque may reach between points, beyond the bound at the points
         allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
-    used = program.rows.used_share(speed.y, allowed)[: len(program.xi)]  # at the points
-    intervals = np.flatnonzero(np.maximum(used[1:], used[:-1]) > NEARLY_REACHED)
+
+    # intervals with a large ratio to a limit at one of their ends; the first rows are those of the points
+    ratio_at_points = program.rows.largest_limit_ratio(speed.y, allowed)[: len(program.xi)]
+    intervals = np.flatnonzero(np.maximum(ratio_at_points[1:], ratio_at_points[:-1]) > NEARLY_REACHED)
     if not len(intervals):
         return np.empty(0)
-    between = (program.xi[intervals, None] + np.diff(program.xi)[intervals, None] * BETWEEN).ravel()
-    distance = np.abs(between[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
-    between = between[distance > SAME_PLACE]
-    used = motor_rows(problem, program.basis, program.conditions, between).used_share(speed.y, allowed)
-    if not used.max(initial=0.0) > 1.0:
+    starts = program.xi[intervals, None]
+    widths = np.diff(program.xi)[intervals, None]
+    xi = (starts + widths * PLACES_BETWEEN_POINTS).ravel()
+
+    # rows cannot be computed on a crossing, where torques are 0 / 0
+    distance = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
+    xi = xi[distance > SAME_PLACE]
+    rows = motor_rows(problem, program.basis, program.conditions, xi)
+    ratio = rows.largest_limit_ratio(speed.y, allowed)
+    if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
-    padded = np.pad(used, 1, constant_values=-np.inf)
-    is_maximum = (used >= padded[:-2]) & (used >= padded[2:])
-    return between[is_maximum & (used > NEARLY_REACHED)]
+    padded = np.pad(ratio, 1, constant_values=-np.inf)
+    is_maximum = (ratio >= padded[:-2]) & (ratio >= padded[2:])
+    return xi[is_maximum & (ratio > NEARLY_REACHED)]

@@ -49,11 +49,11 @@ MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled
 class Bounds(NamedTuple):
     """The bounds of a solution besides condition (8); None means no bound.
 
-    longest: of the duration [s].
-    peak: of all torques over the reference.
-    energy: of the integral of the sum of (torque over reference)^2 [s].
+    longest: bound of the duration [s].
+    peak: bound of all torques over the reference.
+    energy: bound of the integral of the sum of (torque over reference)^2 [s].
     torque_limits: whether the torque limits of the specification hold.
-    share: of the limits that may be used.
+    share: share of the limits that may be used.
     """
 
     longest: float | None = None
@@ -76,7 +76,7 @@ class Speed(NamedTuple):
     duration: [s].
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
-    value: the least duration [s] by the quadrature of the program; NaN for other goals.
+    least_duration: the least duration [s], by the quadrature of the program; NaN for other goals than "time".
     floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
     """
 
@@ -85,7 +85,7 @@ class Speed(NamedTuple):
     peak: float
     peak_speed: float
     energy: float
-    value: float = np.nan
+    least_duration: float = np.nan
     floor: float = 0.0
 
 
@@ -158,7 +158,7 @@ class SpeedProgram:
         """Compute rows (P, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
 
         A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
-        All rows are divided by their root mean square, which brings the integral near 1.
+        All rows are divided by their root mean square, so that the cost is near 1, as the solver needs it.
         """
         stretch = self.problem.task.stretch
         inside = self._inner_points
@@ -166,6 +166,7 @@ class SpeedProgram:
         z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
         curvature = diags_array(stretch(sigma, 1) ** 2) @ z_xi_xi + diags_array(stretch(sigma, 2)) @ z_xi
         rows = diags_array(np.sqrt(self._inner_weights)) @ curvature
+        # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
         return linear_rows(y=rows / size)
 
@@ -182,18 +183,20 @@ class SpeedProgram:
         rows = motor_rows(self.problem, self.basis, self.conditions, xi)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
-    def evaluate_speed(self, y: Array, value: float = np.nan) -> Speed:
+    def evaluate_speed(self, y: Array, least_duration: float = np.nan) -> Speed:
         """Compute duration, peaks and energy of the squared speed z with coefficients y (n,).
 
         The duration is the integral of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
         of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
 
         Args:
-            value: the least duration [s] by the quadrature of the program; NaN for other goals.
+            least_duration: the optimum [s] of the goal "time", by the program's quadrature; else NaN.
         """
         fine_z, fine_weights = self.fine_quadrature
-        z = fine_z @ y
+        z = fine_z @ y  # (F,)
         duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
+
+        # energy, with z > 0 also where the solver missed it by rounding; peaks at all rows
         torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
@@ -201,7 +204,7 @@ class SpeedProgram:
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
-        return Speed(y, duration, peak, peak_speed, energy, value)
+        return Speed(y, duration, peak, peak_speed, energy, least_duration)
 
     def minimise(
         self,
@@ -218,22 +221,26 @@ class SpeedProgram:
         """Compute the speed of least cost within bounds.
 
         Besides y, the program has unknowns at the points with a weight: r <= z^(1/2), v >= 1 / r for the
-        duration, and e >= |torque|^2 / r for the energy. `peak` is the largest torque or squared speed that
-        counts for the goal.
+        duration, and e >= |torque|^2 / r for the energy. The unknown `peak` is the largest torque or squared
+        speed that counts for the goal.
 
         Args:
             goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
                 limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2; "slowness", the
                 integral of `weights` z.
+            bounds: bounds of duration, peak and energy, and the share of the limits that may be used.
+            units: units of time and torque in which the optimum is near 1.
             floor: lower bound of the `positive_rows` [1/s^2].
             cap: upper bound of the `positive_rows` (m,) [1/s^2].
-            weights: (P,) at the points with a weight.
+            weights: (P,) at the points with a weight, for the goal "slowness".
             about: y (n,) and a duration [s]; the tangent of T(z) at y must not fall below this duration.
             tolerance: relative, of the cost and of the rows.
         """
-        timed = goal == "time" or bounds.longest is not None
-        powered = goal == "energy" or bounds.energy is not None
+        timed = goal == "time" or bounds.longest is not None  # whether the duration counts
+        powered = goal == "energy" or bounds.energy is not None  # whether the energy counts
         scale = units.time**2  # the unknown y is in units of 1 / time^2
+
+        # conditions on the law, and rows that may not be negative
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
         positive = self.positive_rows
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
@@ -245,17 +252,19 @@ class SpeedProgram:
         nonnegative += self._bound_integrals(bounds, units)
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
+
         program = ConeProgram(
             self._sizes(timed=timed, powered=powered),
             self._linear_cost(goal, weights),
             self.curvature if goal == "curvature" else None,
-            [_limit_entries(conditions)],
+            [_scale_large_rows(conditions)],
             nonnegative,
             self._cones(units, timed=timed, powered=powered),
         )
         optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
             return optimum
+
         y = optimum["y"] / scale
         if len(conditions.offset):  # met to rounding by the nearest coefficients
             y = self.space.adjust(y, self.conditions)
@@ -266,6 +275,10 @@ class SpeedProgram:
         """Return the number of unknowns of each name.
 
         Each point has an r, a v if the duration counts, and an e if the energy counts.
+
+        Args:
+            timed: whether the duration counts.
+            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
@@ -278,7 +291,12 @@ class SpeedProgram:
         return sizes
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
-        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic."""
+        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
+
+        Args:
+            goal: goal of `minimise`.
+            weights: (P,) at the points with a weight, for the goal "slowness".
+        """
         match goal:
             case "time":
                 return {"v": self._inner_weights}
@@ -292,7 +310,12 @@ class SpeedProgram:
         return {"peak": np.ones(1)}
 
     def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return the bounds less the integrals of v and e, as rows that may not be negative."""
+        """Return the bounds less the integrals of v and e, as rows that may not be negative.
+
+        Args:
+            bounds: bounds of duration and energy.
+            units: units of the program.
+        """
         weights = csr_array(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
@@ -303,20 +326,31 @@ class SpeedProgram:
         return rows
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
-        """Return the row T_lin(z) - duration, with the tangent T_lin of T(z) at coefficients y.
+        """Return the row T_lin(z) - duration, with the tangent T_lin of T(z) at the z_0 of coefficients y.
 
         T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
+
+        Args:
+            y: (n,) [1/s^2].
+            duration: [s].
+            units: units of the program.
         """
         weights = self._inner_weights
-        z = self.z @ y * units.time**2
-        slope = csr_array((-0.5 * weights * z**-1.5)[None]) @ self.z
-        return AffineRows({"y": slope}, np.array([1.5 * weights @ z**-0.5 - duration / units.time]))
+        z_0 = self.z @ y * units.time**2  # in units of 1 / time^2
+        slope = csr_array((-0.5 * weights * z_0**-1.5)[None]) @ self.z
+        constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
+        return AffineRows({"y": slope}, np.array([constant]))
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative.
 
         The unknown `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed",
         and both, as a multiple of their limits, for "limits".
+
+        Args:
+            goal: goal of `minimise`.
+            bounds: the bound of the peak, and the share of the limits that may be used.
+            units: units of the program.
         """
         rows = list[AffineRows]()
         is_limited = self.problem.specification.limited_motors
@@ -328,17 +362,21 @@ class SpeedProgram:
             largest = self._largest_torque(motor, goal, bounds, units)
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
-        for matrix in self.rows.squared_speed:
+        for matrix in self.rows.squared_speed:  # of a motor, over its squared limit
             parts = {"y": -(matrix / units.time**2)}
             largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
                 parts["peak"] = _constant_column(matrix, 1.0)
                 largest = 0.0
-            rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
+            rows.append(_scale_large_rows(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return the rows of each motor's torque over its reference, in a program's units."""
+        """Return the rows of each motor's torque over its reference, in a program's units.
+
+        Args:
+            units: units of time and torque of the program.
+        """
         torques = []
         for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):
             unit = reference * units.torque
@@ -350,20 +388,30 @@ class SpeedProgram:
 
         Every law needs the torque that holds the robot at an end. Where a share of the limit is less than
         that, the holding torque is allowed, up to the limit itself.
+
+        Args:
+            goal: goal of `minimise`.
+            bounds: the bound of the peak, and the share of the limits that may be used.
+            units: units of the program.
         """
         largest = np.inf if bounds.peak is None else bounds.peak / units.torque
         limit = self.problem.specification.torque_limit[motor]
         if goal == "limits" or not bounds.torque_limits or not np.isfinite(limit):
             return largest
-        at_ends = self.rows.torque[motor].offset[[0, len(self.xi) - 1]]
-        allowed = max(bounds.share * limit, min(np.abs(at_ends).max(), limit))
+        holding_torque = np.abs(self.rows.torque[motor].offset[[0, len(self.xi) - 1]]).max()  # at an end
+        allowed = max(bounds.share * limit, min(holding_torque, limit))
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
 
         They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
-        z + 1 >= |(z - 1, 2 r)|.
+        z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
+
+        Args:
+            units: units of the program.
+            timed: whether the duration counts.
+            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         identity = eye_array(count, format="csr")
@@ -372,7 +420,7 @@ class SpeedProgram:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             cones.append([*z_plus_and_minus_1, linear_rows(r=2.0 * identity)])
         if timed:
-            two = AffineRows({}, np.full(count, 2.0))
+            two = AffineRows({}, np.full(count, 2.0))  # v r >= 1 is 4 v r >= 2^2, as `product_cone` takes it
             cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
         if powered:
             inside = self._inner_points
@@ -385,25 +433,30 @@ class SpeedProgram:
 
 
 def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> list[Array]:
-    """Return weights (M,) of the values at points, whose sum is the limit at a crossing.
+    """Return weights (M,) of the values at all points, for each crossing.
 
-    A torque at a crossing is 0 / 0. Its limit is extrapolated by the polynomial through the points of the
-    cell about the crossing. A crossing on the edge of two cells has no weights.
+    The weighted sum is the limit at the crossing. A torque at a crossing is 0 / 0. Its limit is interpolated
+    by the polynomial through the points of the cell about the crossing. A crossing on the edge of two cells
+    has no weights.
 
     Args:
-        counts: (k,) points of each cell; the end -1, in no cell, is the first point of all.
+        xi: (M,) points, cell by cell, between the ends -1 and 1, which belong to no cell.
+        cells: (k + 1,) edges of the cells.
+        counts: (k,) numbers of points of the cells.
+        crossings: xi of the crossings.
     """
+    # (k,) index of the first point of each cell; the end -1 is point 0
     first_points = 1 + np.cumsum(counts) - counts
     weights = []
     for crossing in crossings:
         for cell in np.flatnonzero(cells_about(cells, crossing[None])):
             points = first_points[cell] + np.arange(counts[cell])
-            weights.append(_interpolation(xi, points, crossing))
+            weights.append(_lagrange_weights(xi, points, crossing))
     return weights
 
 
 def _subdivide(edges: Array, parts: int) -> Array:
-    """Cut each interval between edges (k + 1,) in equal parts; return the edges (k parts + 1,)."""
+    """Cut each of k intervals between edges (k + 1,) in equal parts; return the edges (k parts + 1,)."""
     starts = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(parts) / parts
     return np.append(starts, edges[-1])
 
@@ -411,7 +464,12 @@ def _subdivide(edges: Array, parts: int) -> Array:
 def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
     """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
 
-    The weights are those in xi over xi' = d xi / d sigma, zero at the ends -1 and 1.
+    Since d sigma = d xi / xi', the weights are Gauss weights of integrals over xi, divided by
+    xi' = d xi / d sigma. The ends -1 and 1 are points for rows of torques, and have the weight zero.
+
+    Args:
+        cells: (k + 1,) edges of the cells in xi.
+        counts: (k,) numbers of Gauss points of the cells.
     """
     xi_of_cells = list[Array]()
     weights_of_cells = list[Array]()
@@ -421,8 +479,9 @@ def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tup
         xi_of_cells.append(0.5 * (low + high) + half_width * points)
         weights_of_cells.append(half_width * point_weights)
     xi = np.concatenate([[-1.0], *xi_of_cells, [1.0]])
-    weights = np.concatenate([[0.0], *weights_of_cells, [0.0]])
-    return xi, weights / problem.task.stretch(problem.sigma(xi), 1)
+    xi_weights = np.concatenate([[0.0], *weights_of_cells, [0.0]])
+    xi_slope = problem.task.stretch(problem.sigma(xi), order=1)  # d xi / d sigma
+    return xi, xi_weights / xi_slope
 
 
 @lru_cache(maxsize=8)
@@ -432,7 +491,7 @@ def _gauss_legendre(count: int) -> tuple[Array, Array]:
     return read_only(points), read_only(weights)
 
 
-def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
+def _lagrange_weights(xi: Array, chosen: Array, x: float) -> Array:
     """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
 
     The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
@@ -441,6 +500,7 @@ def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
         chosen: indices (k,) of the interpolated points; the others get the weight zero.
     """
     points = xi[chosen]
+    # (k, k) factors of the products; those with j = i are 1
     denominators = points[:, None] - points + np.eye(len(points))
     numerators = np.tile(x - points, (len(points), 1))
     np.fill_diagonal(numerators, 1.0)
@@ -449,8 +509,11 @@ def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
     return weights
 
 
-def _limit_entries(rows: AffineRows) -> AffineRows:
-    """Scale down rows with entries of y above MAX_ROW_SIZE, to this largest entry."""
+def _scale_large_rows(rows: AffineRows) -> AffineRows:
+    """Scale down rows with entries of y above MAX_ROW_SIZE, to this largest entry.
+
+    The solver loses accuracy if rows differ much in size.
+    """
     if not len(rows.offset):
         return rows
     largest = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
@@ -462,11 +525,14 @@ def _limit_entries(rows: AffineRows) -> AffineRows:
 def _bound_size(
     torque: AffineRows, largest: float = 0.0, *, peak_share: float | None = None
 ) -> list[AffineRows]:
-    """Return |torque| <= largest + peak_share * peak as rows that may not be negative."""
+    """Return |torque| <= largest + peak_share * peak as rows that may not be negative.
+
+    `peak` is an unknown of the program. Without a `peak_share` it does not count.
+    """
     matrix = torque.parts["y"]
     peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
     return [
-        _limit_entries(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
+        _scale_large_rows(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
         for sign in (-1.0, 1.0)
     ]
 

@@ -57,8 +57,12 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
 
     Damping is linearised about the previous law, until the error of the linearisation is small.
 
+    Args:
+        points: the points of the path where condition (8) must hold.
+
     Raises:
-        As `find_undeformed_law`.
+        NoLaw: no law was found within the limits.
+        NotConverged: law and damping do not settle together, or the solver gave up.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
     best = solve_problem(problem)
@@ -67,7 +71,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
     for _ in range(MAX_TANGENTS):
         problem = _linearise_damping(problem, points, best.law.squared_speed)
         result = resume_law(best, problem)
-        if isinstance(result, NoneFound):
+        if isinstance(result, NoneFound):  # search again, without the last law
             result = find_best_law(problem, best.program.cells)
         best = _require_law(problem, result)
         error = _tangent_error(problem, best)
@@ -88,11 +92,13 @@ def adapt_found_law(
     excess: float = 1.0,
     share: float | None = None,
 ) -> Best:
-    """Find a smooth law near the best, with tighter limits or a larger cost; see `adapt_law`.
+    """Find a smooth law near the best, with tighter limits or a larger cost.
 
     Args:
-        excess: largest torque or speed of the best law's motion over its limit.
-        share: of the least cost, by which a smooth law may exceed it.
+        points: where condition (8) must hold.
+        best: a law that exceeds limits, or that is not smooth enough.
+        excess: largest torque or speed of the best law's motion over its limit; limits are divided by it.
+        share: share of the least cost by which the cost of a smooth law may exceed it.
 
     Raises:
         NotConverged: no such law was found.
@@ -112,7 +118,12 @@ def adapt_found_law(
 def problem_of(
     task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
 ) -> LawProblem:
-    """Return the problem of a task, without damping; see `conditions_at`."""
+    """Return the problem of a task, without damping.
+
+    Args:
+        points: where condition (8) must hold.
+        speed_places: s of the required speeds; by default the points.
+    """
     return LawProblem(task, *conditions_at(task, points, None, speed_places))
 
 
@@ -122,11 +133,12 @@ def solve_problem(
     """Find the best law of a problem.
 
     Args:
-        share: of the least cost, by which a smooth law may exceed it.
+        share: share of the least cost by which the cost of a smooth law may exceed it.
         similar: the law of a similar problem; the search resumes from it if z has the same basis.
 
     Raises:
-        As `find_undeformed_law`.
+        NoLaw: no law was found within the limits.
+        NotConverged: the solver gave up.
     """
     if similar is not None and similar.program.problem.degree == problem.degree:
         return _require_law(problem, resume_law(similar, problem, share=share))
@@ -159,7 +171,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     xi = best.program.xi
     is_beside = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf) < POLE_WIDTH
     sigma = problem.task.stretch.inverse(xi[~is_beside][1:-1])
-    root_z0 = np.sqrt(problem.z0(sigma))
+    root_z0 = np.sqrt(problem.z0(sigma))  # of the previous law
     z = best.law.squared_speed(sigma)
     root_error = np.sqrt(z) - 0.5 * (root_z0 + z / root_z0)
     torque_error = problem.demand(sigma).damping * root_error[:, None]
@@ -167,7 +179,13 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
 
 
 def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
-    """Find the law nearest in speed that meets condition (8) with damping, to rounding."""
+    """Find the law nearest in speed that meets condition (8) with damping, to rounding.
+
+    Args:
+        problem: the problem that the law solves with linearised damping.
+        points: where condition (8) must hold.
+        law: the law to change.
+    """
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
         problem = _linearise_damping(problem, points, law.squared_speed)
@@ -318,7 +336,7 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     task = problem.task
     limit = problem.specification.torque_limit
     holding = np.abs(demand(task.branch, task.phi, np.array([0.0, 1.0])).torque.constant)  # (2, n_a)
-    overloaded = np.argwhere(holding > limit)
+    overloaded = np.argwhere(holding > limit)  # rows (end, motor)
     if not len(overloaded):
         return None
     end, motor = overloaded[0]  # end: 0 for s = 0, 1 for s = 1
