@@ -61,7 +61,7 @@ class Capacity:
     failure: NoAnswer | None = None
 
     @property
-    def end(self) -> float:
+    def least_failed(self) -> float:
         """The least multiple without a plan; infinite if all tried multiples have plans."""
         return min(self.refused, self.undecided)
 
@@ -78,7 +78,8 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
     """Find the largest multiple of `wrenches` with which an admissible law crosses.
 
     Args:
-        robot, path: as for `plan_crossing`.
+        robot: as returned by `load_robot`.
+        path: the platform's path.
         {options}
         If no duration is given, `optimize` is "time" by default.
 
@@ -176,10 +177,10 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
-        if not np.isfinite(capacity.end):
+        if not np.isfinite(capacity.least_failed):
             capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:
-            capacity = task.try_multiple(capacity, 0.5 * capacity.end)
+            capacity = task.try_multiple(capacity, 0.5 * capacity.least_failed)
         else:
             break
     return capacity
@@ -188,10 +189,14 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect at geometric means between the largest planned and the least failed multiple.
 
-    A capacity that is zero or unbounded has nothing to bisect.
+    The bisection ends when the two differ by a share of BRACKET_RATIO. Nothing is bisected if no multiple
+    above zero has a plan, or if none failed.
     """
-    while 0.0 < (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end < np.inf:
-        capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
+    if capacity.multiple == 0.0 or capacity.least_failed == np.inf:
+        return capacity
+    while (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.least_failed:
+        mean = float(np.sqrt(capacity.multiple * capacity.least_failed))
+        capacity = task.try_multiple(capacity, mean)
     return capacity
 
 

@@ -61,7 +61,7 @@ class FidelityStudy(ReadOnlyArrays):
     times: Array  # (T,) [s] instants of the levels' errors
     levels: tuple[Comparison, ...]  # in the order of `fidelity_levels.LEVELS`
     indicators: Indicators
-    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     has_control: bool  # whether the simulated motors have controllers, because the robot falls
     simulating: float  # [s] computing time of all simulations
     seconds: float  # computing time of the study

@@ -95,7 +95,7 @@ class ReferenceMotion:
     length: float  # [m] of the path, with rotations multiplied by the robot's length
     times: Array  # (T,) [s] instants at which errors are measured
     peak: Array  # (n_a,) [N m, N] for each motor the largest planned torque of motors of the same unit
-    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     control: MotorControl | None  # feedback of the motors, if the robot falls
     step_error: float = 0.0  # of integration steps [robot lengths]; set by the first simulation
     seconds: float = 0.0  # computing time of all simulations so far

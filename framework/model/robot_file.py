@@ -108,7 +108,10 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints; arguments as of `_merge_joint_springs`."""
+    """Drop the couplings, springs and entries of locked joints.
+
+    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
+    """
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)

@@ -247,7 +247,7 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
     Args:
         element: the `<joint>`.
         links: names of all links.
-        impossible: receives the complaint about an impossible limit, as in `read_tree`.
+        impossible: receives the joint's name and the complaint about an impossible limit, which is removed.
 
     Raises:
         RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there

@@ -91,8 +91,9 @@ def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
     The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
-    a law through one crossing. Roots that rounding moves off the real axis or beyond an end, within
-    SAME_PLACE, are accepted.
+    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
+    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
+    double root by its square root.
     """
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
@@ -107,7 +108,9 @@ def real_roots(series: Array) -> Array:
 def _constant_dominates(sizes: Array) -> bool:
     """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
 
-    `sizes` (degree + 1,) are the |c_k|. In the region in which roots are accepted, |T_k| is at most base^k.
+    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
+    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
+    SAME_PLACE^(1/2) off the real axis.
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
@@ -267,9 +270,12 @@ class TimeGrid(ReadOnlyArrays):
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
         """Return the grid whose nodes are farthest from `instants` (k,) [s].
 
-        The panels are between `edges` (panels + 1,) [s]. Candidates have `size` to `size` + 5 nodes on each
-        panel. Distances are compared relative to the mean
-        distance between nodes. A node at the instant of a crossing would divide 0 by 0.
+        A node at the instant of a crossing would divide 0 by 0. Candidates have `size` to `size` + 5 nodes on
+        each panel. Their distances from the instants are compared relative to the mean distance between nodes.
+
+        Args:
+            edges: ends of the panels (panels + 1,) [s].
+            size: least number of nodes on each panel.
         """
         best_size = size
         best_distance = -1.0

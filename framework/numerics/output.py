@@ -86,7 +86,7 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
     Args:
         folder: where the files are to be.
         names: of the files.
-        document: of these, the one that marks the others as files of this program, see `written_together`.
+        document: name of the JSON file that marks the others as files of this program; None overwrites any.
         complaint: beginning of the message.
 
     Raises:

@@ -141,13 +141,13 @@ def crossing_point(
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the crossing point that the user imposes at s.
+    """Return the point at s where the user imposes condition (8).
 
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
     """
     closed = branch.close(s)
-    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)
+    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)  # kind of singularity
     return _orient_along_path(branch, s, closed, twist, motion, kind)
 
 
@@ -158,8 +158,9 @@ def _orient_along_path(
 
     Args:
         closed: the one pose at s.
-        twist, motion: t_s (n,) and its joint rates (nv,), of either sign.
-        kind: of the singularity.
+        twist: t_s (n,), of either sign.
+        motion: joint rates (nv,) of t_s, of the same sign.
+        kind: of the singularity, as a field of `CrossingPoint`.
     """
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
@@ -214,6 +215,10 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
         beta:  inertia at s' = 1
         gamma: weight and external wrenches at rest, and inertia and damping while only deflections change
         delta: damping at s' = 1, and the inertial forces that are bilinear in s' and the deflection rates
+
+    Args:
+        crossing: the point at which the condition holds.
+        deflection: deflections at the crossing; None for springs at rest.
     """
     robot = branch.robot
     deflection = deflection if robot.n_e else None
@@ -224,7 +229,7 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     motion = _probe_motions(branch, crossing, linearised, deflection, probe_speed)
     rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static, probe_speed)
     values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
-    values[2:] += elastic_terms.sum(axis=1)  # of gamma and delta
+    values[2:] += elastic_terms.sum(axis=1)  # adds the terms of moving springs to gamma and delta
 
     # a coefficient that is small against the sizes of its terms is rounding
     largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
@@ -232,7 +237,7 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
     # stiff springs add small terms, which are not rounding as long as s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
-        values = remove_rounding(values, sizes, 0)
+        values = remove_rounding(values, sizes, alpha_index=0)
     return Condition8(*values.tolist())
 
 
@@ -291,17 +296,18 @@ def _probe_motions(
     return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
 
 
-def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
+def remove_rounding(values: Array, sizes: Array, alpha_index: int) -> Array:
     """Set coefficients (k,) of condition (8) that are no larger than rounding to zero.
 
     Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
     a larger share of their terms.
 
     Args:
+        values: the coefficients (k,).
         sizes: sums (k,) of the absolute values of each coefficient's terms.
-        alpha: index of the coefficient of s" among the k.
+        alpha_index: index of the coefficient of s" among the k.
     """
-    alpha_has_effect = abs(values[alpha]) > NO_HOLD * sizes[alpha]
+    alpha_has_effect = abs(values[alpha_index]) > NO_HOLD * sizes[alpha_index]
     rounding = CONDITION_ROUNDING if alpha_has_effect else NO_HOLD
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
@@ -311,7 +317,8 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
 
     Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload
     on massless legs whose forces are all orthogonal to t_s. So these bounds let the mass of all bodies move
-    like the platform and, for beta, at the end of a joint of the robot's length.
+    like the platform and, for beta, at the end of a joint of the robot's length. The bound for delta is 0,
+    because the damping of a joint is one term, which cannot cancel.
 
     Args:
         crossing: the point of the path at which the condition holds.

@@ -31,7 +31,7 @@ LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Condition (8) of the undeformed robot at a singular point, and its geometric causes.
+    """Condition (8) of the undeformed robot at a singular point, and how t_s lies to weight and path.
 
     s: path coordinate of the singular point.
     condition: coefficients of condition (8) there.
@@ -165,7 +165,10 @@ class Feasibility:
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Compute condition (8) at a singular point, with its geometric causes.
+    """Compute condition (8) at a singular point, and how t_s lies to weight and path.
+
+    The result has two cosines that explain the coefficients: `weight_share`, between gravity and the velocity
+    of the centre of mass in the uncontrolled motion, and `tangent_share`, between the path's tangent and t_s.
 
     The result is None where several motions escape, so that one condition is not enough, and where the
     singularity is not of Type 2, so that the condition does not apply.
@@ -185,6 +188,7 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     return Feasibility(
         crossing.s,
         condition,
+        # lengths over the robot's length, as `_cosine` compares the second vector with rounding
         weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
         tangent_share=_cosine(tangent / robot.platform_scale, crossing.twist / robot.platform_scale),
         wrenches=bool(branch.wrenches.entries),

@@ -186,7 +186,7 @@ class ModelOnMotion:
         """Compute the model's certified torques under the corrected law, without dry friction.
 
         Args:
-            geometry: "rigid" or "deformed", as for `inverse_dynamics`.
+            geometry: "rigid" for forces of the undeformed robot, "deformed" for those of the deflected one.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
@@ -272,7 +272,7 @@ class ModelOnMotion:
         times = np.array([crossing.time for crossing in crossings])
         planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
         corrected = planned.copy()
-        for row, crossing in zip(corrected, crossings, strict=True):
+        for row, crossing in zip(corrected, crossings, strict=True):  # a row is a view of `corrected`
             row[:] = self._correct_crossing(crossing, row, deflections)
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
@@ -390,7 +390,8 @@ def _measure_effect(
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
     """Yield the effects of springs left rigid, and of geometry and inertia of active springs.
 
-    The fullest model measures them. It is made with the first number, whose effect then reports a failure.
+    The model with all springs measures them. It is made when the first effect is computed, so that a failure
+    to make it is reported with that effect.
     """
     robot, description = dynamics.robot, dynamics.robot.description
 
@@ -402,13 +403,17 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
     def torque_with(coordinates: Sequence[str]) -> Array:
-        """Compute torques (T, n_a) of the fullest model with deflections of more `coordinates`."""
+        """Compute torques (T, n_a) of the fullest model in which springs deflect as its forces ask.
+
+        `coordinates` are those of these springs. All others deflect as in the motion, which may be not at all.
+        """
         model = fullest()
         is_deflecting = np.isin(model.robot.elastic_names, coordinates)
+        # `caused`: the deflections that the forces of the first pass cause
         deflections = np.where(is_deflecting, model.first_pass.caused, model.known_deflections())
         return model.torque(model.compute_pass(deflections))
 
-    def left_rigid(coordinates: Sequence[str]) -> Array:
+    def torque_of_springs(coordinates: Sequence[str]) -> Array:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
         return torque_with(coordinates) - fullest().torque(fullest().first_pass)
 
@@ -421,7 +426,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
             names = _list_names([spring.name for spring in springs])
-            yield f"springs of {part}s left rigid ({names})", partial(left_rigid, coordinates)
+            yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
     if robot.n_e and dynamics.geometry == "rigid":
         yield "deformed geometry", lambda: torque_with(robot.elastic_names) - fullest().planned_torque
     if robot.n_e and not robot.elastic_inertia:
@@ -470,8 +475,8 @@ def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[Negl
     if not holding:
         return
     idle = robot.structure.idle
-    still_turns = np.setdiff1d(idle, driven_turns(robot))
-    columns = still_turns if len(still_turns) else idle  # of the coordinates that turn
+    still_turns = np.setdiff1d(idle, driven_turns(robot))  # balls with damping or armature drive the others
+    columns = still_turns if len(still_turns) else idle  # the coordinates to name
     names = _list_names([robot.coordinates.name_of(column) for column in columns])
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

@@ -91,7 +91,7 @@ def plan_request(
     searched: SearchedPath | None = None,
     explained: bool = True,
 ) -> CrossingPlan:
-    """Plan a request of this robot; see `plan_crossing`.
+    """Plan a request of this robot, as `plan_crossing` does with its options.
 
     Args:
         searched: the path with its singular points, if they have been located already.
@@ -188,6 +188,9 @@ def _plan_after_refusal(
 ) -> CrossingPlan:
     """Plan with the optimal law after a refusal of the polynomial.
 
+    Args:
+        refusal: of the polynomial.
+
     Raises:
         NoLaw, NotConverged: the optimal law is refused as well; the message has both reasons.
         UncontrolledMotions, SearchEnded: as for the optimal law.
@@ -204,16 +207,16 @@ def _plan_after_refusal(
         raise
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
-    except (NoLaw, NotConverged) as of_optimal:
-        both = f"{refusal}; nor does the optimal law help: {of_optimal}"
+    except (NoLaw, NotConverged) as optimal_refusal:
+        both = f"{refusal}; nor does the optimal law help: {optimal_refusal}"
         if isinstance(refusal, NotConverged):
             raise NotConverged(
                 both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
             ) from None
         raise NoLaw(
             both,
-            proof=refusal.proof or getattr(of_optimal, "proof", None),
-            evidence=getattr(of_optimal, "evidence", None),
+            proof=refusal.proof or getattr(optimal_refusal, "proof", None),
+            evidence=getattr(optimal_refusal, "evidence", None),
         ) from None
 
 
@@ -358,7 +361,10 @@ def uncertified_law(
 
 
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute the `uncertified_law` of a request on a searched path.
+    """Compute the law of a request before its proof, and its crossings, as `uncertified_law` returns them.
+
+    Args:
+        searched: the path with its singular points.
 
     Raises:
         InvalidInput, NoAnswer: as `uncertified_law`.

@@ -52,7 +52,8 @@ LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
 DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
 
-Measure = Callable[[Array, Array], tuple[Array, Array]]  # see `choose_timing`
+# from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
+Measure = Callable[[Array, Array], tuple[Array, Array]]
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
     "which finds its own"
@@ -118,6 +119,9 @@ def _find_balanced_law(
     The scalars of the law are changes of its s" at the crossings. Deflections move the crossings along the
     path, so that the polynomial is solved for again until it passes them at their times.
 
+    Returns:
+        The law, and the deflections in balance with its forces.
+
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
@@ -144,6 +148,14 @@ def _balance_accelerations(
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
+    Args:
+        crossings: the points, whose s the law passes, each with its condition (8).
+        timing: times and speeds s' of the crossings.
+        start: deflections at which the iteration begins; None for springs at rest.
+
+    Returns:
+        The law, and the deflections in balance with its forces.
+
     Raises:
         NoAnswer: as `solve_balance`.
     """
@@ -153,10 +165,10 @@ def _balance_accelerations(
         """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
         return _solve_law(crossings, timing, request, branch.robot.name, shifts)
 
-    at_rest = np.zeros(len(crossings))
-    edges = panel_edges(branch, law_of(at_rest))
-    steps = at_rest + ACCELERATION_STEP / request.fixed_duration**2
-    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), steps, start)
+    no_shift = np.zeros(len(crossings))
+    edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
+    difference_steps = no_shift + ACCELERATION_STEP / request.fixed_duration**2  # (k,) [1/s^2]
+    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
     return law_of(balance.scalars), balance.deflections
 
 
@@ -361,10 +373,11 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
 
     times = np.vstack([plain_times, constant_speed_times])
-    if request.times is not None:
-        times[:] = plain_times = np.array(request.times)
+    if request.times is not None:  # the user's times replace all others
+        plain_times = np.array(request.times)
+        times[:] = plain_times
     speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
-    if request.speeds is not None:
+    if request.speeds is not None:  # likewise
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
 
@@ -382,7 +395,8 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
 
     Args:
         duration: of the laws [s].
-        measure: as for `choose_timing`.
+        measure: a function of times and speeds (m, k), which returns advance (m,) and peak |s"| (m,).
+        timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)

@@ -211,6 +211,8 @@ class LeastLimits(NamedTuple):
 class SearchEvidence(NamedTuple):
     """The numbers of a search that found no law; no proof that none exists.
 
+    A search leaves LIMIT_MARGIN of each limit free, so it finds no law whose peak is barely within a limit.
+
     cells: number of intervals of the piecewise polynomial that represents the squared speed.
     least: the least limits within which a law of the requested duration was found.
     quickest: the least duration [s] found within the limits; None without a law.
@@ -227,7 +229,7 @@ class SearchEvidence(NamedTuple):
         """The numbers of the search, in words."""
         parts = []
         least = self.least
-        if least.together:
+        if least.together:  # limits of torque and of speed must both be raised
             parts.append(
                 f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
                 f"the limits were needed together"

@@ -91,9 +91,10 @@ class CrossingPlan:
 
     @cached_property
     def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
-        """The singular point of the loaded robot near each of `crossings`.
+        """The point near each of `crossings` where the robot is singular under its loads.
 
-        None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
+        Forces deflect the springs, which shifts the singular point along the path. The entries are None for
+        robots without springs, and if the forces are those of the undeformed robot (geometry "rigid").
         """
         return tuple(loaded_point(self.dynamics, crossing.time) for crossing in self.crossings)
 
@@ -223,8 +224,10 @@ class CrossingPlan:
         """Write motion.csv to a path or an open text file.
 
         Args:
+            file: path, or file that is open for text.
             samples: number of instants, unless a period is given.
-            period, columns: as for `samples`.
+            period: time [s] between rows; the last row is always at the end of the motion.
+            columns: names of columns, or prefixes that several names share; all by default.
         """
         text = self.samples(samples, period=period, columns=columns).as_csv()
         if isinstance(file, str | PathLike):

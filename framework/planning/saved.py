@@ -250,7 +250,7 @@ def plan_from_document(
 
     Args:
         file: the plan.json, for messages; paths in it are relative to its folder.
-        robot_file: as for `load_plan`.
+        robot_file: the robot file, or its catalogue name, if the file has moved since.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
@@ -431,13 +431,26 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput with the first key whose value in the content of the file contradicts the plan."""
-    document, best = _compared_document(plan), plan.optimality
+    """Refuse a file that contradicts the plan computed from it; name the first key that does.
+
+    Args:
+        saved: the content of plan.json.
+        plan: computed anew from the request and the law of the file.
+
+    Raises:
+        InvalidInput: a value of the file differs by more than rounding.
+    """
+    document = _compared_document(plan)
+    # of certificate and optimality, one value each is compared
     document["certificate"] = {"monotone": plan.certificate.monotone}
-    document["optimality"] = best and {"optimize": best.specification.goal}
-    stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
+    optimality = plan.optimality
+    document["optimality"] = None if optimality is None else {"optimize": optimality.specification.goal}
+
+    stated = dict(_yield_leaves(saved))
+    rounding_sizes = _rounding_sizes(plan)
     for key, computed in _yield_leaves(plain(document)):
-        size = sizes.get(re.sub(r"^crossings\[\d+\]", "crossings", key))
+        key_without_index = re.sub(r"^crossings\[\d+\]", "crossings", key)
+        size = rounding_sizes.get(key_without_index)  # None: the values must be equal
         if key not in stated or not _values_agree(stated[key], computed, size):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
@@ -465,8 +478,8 @@ def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
     """Return whether the value of a leaf in the file agrees with the computed one.
 
-    Numbers may differ by FILE_ROUNDING of the size, or of themselves if they are larger. Without a size the
-    values must be equal.
+    Numbers may differ by FILE_ROUNDING times `size`, or times the computed number if that is larger. Without
+    a size the values must be equal.
     """
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)

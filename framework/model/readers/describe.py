@@ -219,27 +219,31 @@ def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float])
 
 
 def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
-    """Lock joints at values [rad, m]; None means the reference [rad, m], or zero if that has none.
+    """Lock joints at values [rad, m].
 
     A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
     angles replace those of the ball in `reference`.
 
+    Args:
+        locked: value of each lock by its name; None means the reference, or zero if the reference has none.
+        reference: positions [rad, m] by coordinate, which locked balls change.
+
     Raises:
-        RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; the new hinges
-            of a ball need a name that is taken.
+        RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; a new hinge of
+            a ball would have a name that is taken.
     """
     for name, value in locked.items():
-        ball = tree.joints.get(name[:-3])  # J, if the name is J_rx
+        ball = tree.joints.get(name[:-3])  # J of J_rx; None after another lock has made hinges of J
         if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
             rotation_vector = [reference.pop(key, 0.0) for key in ball.coordinates]
             reference.update(tree.lock_turn_of_ball(ball, name[-1], value, rotation_vector))
             continue
         if name in tree.fixed_positions:
-            continue  # locked by --base, or through a coupling
+            continue  # already locked, since --base does not carry the joint or through a coupling
         movable = [joint.name for joint in tree.joints.values() if joint.moves]
         check_name("--lock", "joint that moves", name, movable)
         joint = tree.joints[name]
-        if value and len(joint.coordinates) > 1:
+        if value and len(joint.coordinates) > 1:  # one value does not say about which axis
             raise RobotFileError(
                 f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
                 f"{joint.coordinates[-1]}=VALUE"

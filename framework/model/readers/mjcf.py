@@ -159,9 +159,12 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element that acts on some bodies or joints.
+        """Report an unread element.
 
-        With `is_decisive` the file is refused if one of them moves, see `UnreadElement`.
+        Args:
+            text: for messages: element, name, effect and its size.
+            acts_on: names of the bodies and joints on which the element acts.
+            is_decisive: whether the element decides how they move; the file is refused if one of them moves.
         """
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 

@@ -79,7 +79,7 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
     """Compile a specification without the parts that MuJoCo refuses or that no motion needs.
 
     Returns:
-        As of `compile_mjcf`.
+        The compiled model, unread elements, and counts of unused elements by kind.
     """
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]

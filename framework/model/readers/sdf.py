@@ -76,8 +76,8 @@ _NOT_READ = ("gearbox",)  # types of joints
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 _OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
 _DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
-# default texts of the children of <inertial>, in the order of ENTRIES
-_INERTIA = {
+# texts of the children of <inertial> that SDF takes by default, moments in the order of ENTRIES
+_DEFAULT_INERTIA = {
     "mass": "1",
     "inertia/ixx": "1",
     "inertia/iyy": "1",
@@ -228,7 +228,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
 
 
 def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], dict[str, JointDynamics]]:
-    """Read the motions of a joint of this kind, and their dynamics by name, as in `_Joint`."""
+    """Read the motions of one freedom of a joint of this kind, and their dynamics by name of the motion."""
     element = scope.joints[name]
     motions = []
     dynamics: dict[str, JointDynamics] = {}
@@ -373,7 +373,10 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
 
 
 def _make_link(scope: Scope, name: str) -> Element:
-    """Return a link with the stated inertia, else SDF's default, and its primitive shapes."""
+    """Return a link with the stated inertia, else SDF's default, and its primitive shapes.
+
+    The world is a link without a body.
+    """
     link = Element("link", name=name)
     if name == WORLD:
         return link
@@ -382,17 +385,18 @@ def _make_link(scope: Scope, name: str) -> Element:
     inertial = element.find("inertial")
     if inertial is None:
         inertial = Element("inertial")
-    mass, *moments = _read_values(inertial, where, _INERTIA)
-    origin = read_placement(inertial.find("pose"), where)
-    axes = origin[:3, :3]
-    link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
+    mass, *moments = _read_values(inertial, where, _DEFAULT_INERTIA)
+    body_pose = read_placement(inertial.find("pose"), where)  # (4, 4) of the centre of mass and its axes
+    axes = body_pose[:3, :3]
+    link.append(inertial_element(mass, body_pose[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
         for shape, keys in SIZES_OF_SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
+                # a shape is only drawn, so that any size will do where the file has none
                 sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                origin = read_placement(visual.find("pose"), where)
-                link.append(visual_element(shape, sizes, origin))
+                shape_pose = read_placement(visual.find("pose"), where)
+                link.append(visual_element(shape, sizes, shape_pose))
     return link
 
 
@@ -423,9 +427,14 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop that is cut at a joint between two links of the tree."""
+    """Close the loop that is cut at a joint between two links of the tree.
+
+    Raises:
+        RobotFileError: a closure cannot express joints of this type.
+    """
     if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
-    ends = zip("12", joint.links, joint.placements, strict=True)
-    axes = [motion.axis for motion in joint.motions if motion.axis is not None]
+    # of each end: suffix of the name of its frame, link, and placement (4, 4) in the link
+    ends = zip(("1", "2"), joint.links, joint.placements, strict=True)
+    axes = [motion.axis for motion in joint.motions if motion.axis is not None]  # none if fixed or a ball
     tree.close(joint.name, locked_axes(joint.kind), ends, axes)

@@ -64,10 +64,12 @@ class Scope:
         return self.placement_of(base, depth + 1) @ pose
 
     def link_of(self, name: str, depth: int = 0) -> str:
-        """Return the link that carries a frame; `depth` as in `placement_of`.
+        """Return the link that carries a frame.
+
+        `depth` counts the recursions, which do not end where frames are attached to one another.
 
         Raises:
-            RobotFileError: there is no such frame, or it is attached to itself.
+            RobotFileError: there is no such frame, or it is attached to itself, so that no link carries it.
         """
         if name in self.links or name == WORLD:
             return name
@@ -131,9 +133,14 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
 
 
 def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model and its content; arguments as of `add_models`.
+    """Add a model and its content.
 
     The names in the first model have no prefix; the names in all others begin with the name of the model.
+
+    Args:
+        folder: of the file, from which paths of included files start.
+        prefix: of scoped names outside of the model.
+        base: frame to which the model's pose is relative by default.
     """
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
@@ -164,7 +171,8 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
     """Add the links, frames, joints and models of a model whose frame is `base`.
 
     Args:
-        folder, prefix: as of `add_models`.
+        folder: of the file, from which paths of included files start.
+        prefix: of scoped names in the model, such as "a::" in model a.
 
     Raises:
         RobotFileError: an element has no name or that of another one; a pose, a constraint or the end of a

@@ -254,7 +254,7 @@ class UrdfTree(Tree):
 
         Args:
             name: of the closure, with which the names of its frames begin.
-            locked: as of `Closure.axes`.
+            locked: axes of the first frame along which the relative pose of both frames is locked.
             ends: for each end the suffix of the frame's name, the link, and the joint's placement (4, 4) in
                 the link.
             axes: (3,) each, in the joint's placement; one for each end, one for both, or none. The first axis
@@ -379,7 +379,7 @@ class UrdfTree(Tree):
 
         Return whether the equation exists. This requires that all joints between the links are parallel
         hinges: the rotation of a link is then the sum of the angles. Hinges about opposite axes count as not
-            parallel.
+        parallel.
 
         Raises:
             RobotFileError: see `add_frame`.

@@ -255,7 +255,7 @@ def _wrench_row(
     terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
     bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
     size = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return remove_rounding(terms.sum(axis=1), size, 2)
+    return remove_rounding(terms.sum(axis=1), size, alpha_index=2)
 
 
 def _bound_wrench_terms(
