@@ -201,7 +201,11 @@ def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Return the capacity with the least of the tried multiples that is impossible."""
+    """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
+
+    The multiples are IMPOSSIBLE_RATIOS times the refused one. The bound need not refute that one itself: a
+    search may miss a law, and the bound is not sharp.
+    """
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

@@ -113,7 +113,7 @@ class FidelityStudy(ReadOnlyArrays):
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s between a level's law and the motion's.
+        """Return the largest difference in s between the law of a compared level and the motion's.
 
         It is infinite if the level has no motion.
         """

@@ -225,7 +225,7 @@ def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
 
     A robot falls where weight or the motors' torques drive the platform off its path
     (`open_loop.fall_exponent`). The motors have feedback only if it falls for more than MAX_FALL time
-    constants.
+    constants; otherwise the feedback is None.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
@@ -328,7 +328,7 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
 
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Interpolate the matrices of the platform's error dynamics at t (T,) [s].
+    """Interpolate the matrices of the platform's error dynamics in a rigid robot's motion at t (T,) [s].
 
     They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
     """

@@ -171,7 +171,7 @@ def loop_rows(
     # each row has the fields of LoopRows in their order: name, two frames, those of _RowProduct, and those of
     # couplings from `coupled` to `offset`
     rows: list[tuple[Any, ...]] = []
-    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)
+    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # coupled, columns, places, ratio, offset
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
         for axis in closure.axes:
@@ -181,7 +181,7 @@ def loop_rows(
         product = _RowProduct(rotation=coupling.turns, second_axis=1, weight=0.0)
         joints = coupling.columns, coupling.places
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, *joints, coupling.ratio, coupling.offset))
-    names, *columns = zip(*rows, strict=True)
+    names, *columns = zip(*rows, strict=True)  # a column for each field
     arrays: Iterator[Any] = map(np.array, columns)
     return LoopRows(names, *arrays)
 

@@ -286,7 +286,10 @@ def add_endless_limit(joint: Element) -> Element:
 
 
 def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Refuse a <limit> without finite numbers; if needed, also missing keys, wrong order and signs."""
+    """Refuse a joint's <limit> without finite numbers.
+
+    With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
+    """
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
         return

@@ -120,8 +120,11 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
     """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
 
     The larger root is computed without cancellation, the other root from the product of both.
+
+    Args:
+        series: c (3,).
     """
-    middle = -0.25 * series[1] / series[2]
+    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
     product = 0.5 * (series[0] / series[2] - 1.0)
     half_difference = np.sqrt(complex(middle**2 - product))
     larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
@@ -271,7 +274,7 @@ class TimeGrid(ReadOnlyArrays):
         """Return the grid whose nodes are farthest from `instants` (k,) [s].
 
         A node at the instant of a crossing would divide 0 by 0. Candidates have `size` to `size` + 5 nodes on
-        each panel. Their distances from the instants are compared relative to the mean distance between nodes.
+        each panel. Distances from the instants are compared relative to the mean distance between nodes.
 
         Args:
             edges: ends of the panels (panels + 1,) [s].

@@ -54,7 +54,7 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); infinite where singular."""
+    """Solve systems `matrix` (R, n, n) for right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:

@@ -121,7 +121,7 @@ def crossing_point(
     if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
         return undeformed_crossing(singular)
     robot = branch.robot
-    spring_step = np.zeros((1, robot.nv))
+    spring_step = np.zeros((1, robot.nv))  # from springs at rest to the deflections
     spring_step[:, robot.elastic] = deflection.value
 
     def close(s: Array) -> ClosedStack:
@@ -168,6 +168,10 @@ def _orient_along_path(
 
 def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8); refuse a condition that s" cannot meet.
+
+    Args:
+        crossing: the point at which the condition holds.
+        deflection: deflections at the crossing; None for springs at rest.
 
     Raises:
         NoLaw: s" has no effect on t_s . W_p, so that no law can meet the condition.
@@ -282,6 +286,11 @@ def _probe_motions(
     2        0    0             with the rates and accelerations of the deflections
     3        0    probe_speed   with the rates of the deflections
     4        0    -probe_speed  with the rates of the deflections
+
+    Args:
+        linearised: loop equations of the one pose at the crossing.
+        deflection: deflections at the crossing; None for springs at rest.
+        probe_speed: s' [1/s] that `_matching_speed` chooses.
     """
     robot = branch.robot
     accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])  # s"
@@ -331,7 +340,8 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
 
     load = robot.mass * np.linalg.norm(robot.model.gravity.linear)  # [N] weight and external wrenches
     for wrench in branch.wrenches.entries:
-        force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
+        force_and_moment = wrench(np.array([crossing.s])).reshape(2, 3)
+        force, moment = np.linalg.norm(force_and_moment, axis=1)
         load += force + moment / robot.length
     return escape * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
 
@@ -343,6 +353,10 @@ def _matching_speed(
 
     At this speed the difference of two motions that isolates their bilinear forces loses few digits. The
     speed is 1 if either moves no joint.
+
+    Args:
+        linearised: loop equations of the one pose at the crossing.
+        deflection: deflections at the crossing; None for springs at rest.
     """
     if deflection is None:
         return 1.0

@@ -71,6 +71,9 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
     crossing conditions, and so for no points. Singular points that no law can cross are refused; imposed
     points are not checked. The result contains the external wrenches of the request.
 
+    Args:
+        searched: the path with its singular points, without wrenches.
+
     Raises:
         InvalidInput: the number of times or speeds is not that of the points.
         NoLaw, UncontrolledMotions: no law can cross one of the singular points.
@@ -104,7 +107,8 @@ def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | 
     """
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
-    text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+    noun = "singular point" if len(points) == 1 else "singular points"
+    text = f"{len(points)} {noun} on the path"
     places = ", ".join(f"{point.s:.6g}" for point in points)
     return f"{text} at s = {places}" if points else text
 

@@ -212,7 +212,7 @@ def _cosine(a: Array, b: Array) -> float:
 
 
 def is_crossable(searched: SearchedPath) -> bool:
-    """Return whether condition (8) admits a law at each singular point of a path."""
+    """Return whether condition (8) admits a law at each singular point of a searched path."""
     return not any(
         feasibility is None
         or singular.contact == "tangential"
@@ -253,8 +253,11 @@ class OptimalDurations(NamedTuple):
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
     """Compute the least duration of a law of free shape through all singular points.
 
-    The springs are at rest; limits and smoothness are those of the request. None if no law can cross, or if
-    the request asks for more smoothness than laws of free shape have.
+    The springs are at rest. Limits and smoothness are those of the request, whose duration and crossings are
+    left open. None if no law can cross, or if the request asks for more smoothness than such laws have.
+
+    Args:
+        searched: the path with its singular points.
     """
     from framework.planning.optimal.optimal_task import Task  # slow to import, and seldom needed
     from framework.planning.optimal.undeformed_law import find_undeformed_law

@@ -89,9 +89,11 @@ def sample_times(duration: float, count: int, period: float | None = None) -> Ar
 def motion_table(
     dynamics: InverseDynamics, times: Array, columns: Sequence[str] | None = None
 ) -> MotionTable:
-    """Sample the motion at instants (T,) [s].
+    """Sample a motion.
 
     Args:
+        dynamics: the motion with its torques.
+        times: instants (T,) [s].
         columns: names of columns, or prefixes that several names share, such as torque; all by default.
 
     Raises:

@@ -143,7 +143,12 @@ class ModelOnMotion:
     def of(
         cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
     ) -> ModelOnMotion:
-        """Search the path of a motion with another model of the robot, its joints with this friction.
+        """Search the path of a motion with another model of the robot.
+
+        Args:
+            dynamics: the motion.
+            robot: the other model.
+            friction: dry friction (nv,) [N m or N] of its joints; None without.
 
         Raises:
             NoAnswer: the model cannot follow the path.
@@ -221,6 +226,8 @@ class ModelOnMotion:
     def torque(self, evaluated: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N] of a pass at the nodes.
 
+        `evaluated` has the motion of the other model and its forces without friction.
+
         Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
         a pole from a jump. So the check for a pole uses a smooth friction, which equals the dry friction at
         the crossings: condition (8) contains it there.
@@ -235,11 +242,12 @@ class ModelOnMotion:
             raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
+        # rates over the joints' scales, so that one threshold tells motion from rest
         dry = self.friction * speed_signs(evaluated.motion.v / self.robot.column_scale)
         return self._torque_with_friction(evaluated, dry)
 
     def _smooth_signs(self) -> Array:
-        """Compute polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
+        """Evaluate polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
         from scipy.interpolate import KroghInterpolator  # takes time to import
 
         times = np.array([crossing.time for crossing in self.dynamics.crossings])
@@ -405,7 +413,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
     def torque_with(coordinates: Sequence[str]) -> Array:
         """Compute torques (T, n_a) of the fullest model in which springs deflect as its forces ask.
 
-        `coordinates` are those of these springs. All others deflect as in the motion, which may be not at all.
+        `coordinates` are those of these springs. All others deflect as in the motion, or not at all.
         """
         model = fullest()
         is_deflecting = np.isin(model.robot.elastic_names, coordinates)

@@ -216,8 +216,8 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
 
     # the largest displacement [m] by the bend b(s) d, which the unit bend scales to the path's length
     unit_lengths = robot.length / robot.platform_scale
-    bump = _evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)
-    largest = np.abs(bump).max() * np.linalg.norm(direction * unit_lengths)
+    bump_height = np.abs(_evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)).max()
+    largest = bump_height * np.linalg.norm(direction * unit_lengths)
     length = path_length(robot, path)
 
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)

@@ -270,7 +270,7 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Return the near miss beside which a plan has its largest torque, if any.
+    """Return the one of the path's near misses beside which a plan has its largest torque, if any.
 
     Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 
@@ -361,7 +361,7 @@ def uncertified_law(
 
 
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute the law of a request before its proof, and its crossings, as `uncertified_law` returns them.
+    """Compute the law of a request before its proof, and its crossings, as `uncertified_law` does.
 
     Args:
         searched: the path with its singular points.
@@ -404,6 +404,10 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
     optimal law is advised only if condition (8) admits a law. Advised limits and durations are those of a law
     that the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
+
+    Args:
+        refusal: of the request.
+        searched: the path with its singular points.
     """
     robot = searched.branch.robot
     if request.at is not None:  # imposed points: the proofs are about the located ones

@@ -114,10 +114,13 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 def _find_balanced_law(
     to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime]
 ) -> tuple[Law, KnownDeflections]:
-    """Solve for law and deflections together, where passes of the deflections do not converge.
+    """Solve for law and deflections together, if passes of the deflections do not converge.
 
     The scalars of the law are changes of its s" at the crossings. Deflections move the crossings along the
     path, so that the polynomial is solved for again until it passes them at their times.
+
+    Args:
+        timing: times and speeds of the crossings.
 
     Returns:
         The law, and the deflections in balance with its forces.
@@ -454,8 +457,12 @@ def _search_timings(
 def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
     """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
 
-    Their covariance is that of the survivors about the mean (2, k) of the round before: sums of the
-    survivors' offsets from that mean, with independent normal weights, have it.
+    Sums of the survivors' offsets from a mean, with independent normal weights, have the covariance of the
+    survivors about this mean.
+
+    Args:
+        random: generator of the weights.
+        last_mean: mean (2, k) of the survivors of the round before.
     """
     weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
     steps = np.tensordot(weights, survivors - last_mean, axes=1)

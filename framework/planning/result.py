@@ -109,11 +109,11 @@ class CrossingPlan:
         return self.dynamics.geometry
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor torques [N m], motor side, or their time derivatives."""
+        """Evaluate motor torques (T, n_a) [N m or N], motor side, or their time derivatives."""
         return self.dynamics.torque(t, order)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
+        """Evaluate motor angles (T, n_a) [rad, m], gear ratio times joint angle, or their derivatives."""
         return self.dynamics.motor_angle(t, order)
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
@@ -325,7 +325,9 @@ def _find_condition(
     """Compute condition (8) at a crossing point with the deflections at a time [s].
 
     Args:
+        dynamics: the motion under the law, whose deflections shift the point.
         index: of the point in `to_cross.crossing_points`.
+        time: of the crossing [s].
     """
     if request.geometry != "deformed":
         _point, condition = to_cross.undeformed_crossings[index]

@@ -140,6 +140,9 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         InvalidInput: the path or the law is a user's own function, which cannot be written.
     """
     best = plan.optimality  # None for a polynomial
+    optimality = None
+    if best is not None:
+        optimality = {"optimize": best.specification.goal, "reference": best.reference, "gap": best.gap}
     document: Document = plain(
         {
             "version": VERSION,
@@ -156,13 +159,12 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "neglected": [effect._asdict() for effect in plan.neglected],
             "certificate": asdict(plan.certificate),
             "reason": plan.reason,
-            "optimality": best
-            and {"optimize": best.specification.goal, "reference": best.reference, "gap": best.gap},
+            "optimality": optimality,
             "seconds": plan.seconds,
         }
     )
     for crossing, loaded in zip(document["crossings"], plan.loaded_points, strict=True):
-        crossing["loaded"] = loaded and {"s": loaded.s, "distance": loaded.distance}
+        crossing["loaded"] = None if loaded is None else {"s": loaded.s, "distance": loaded.distance}
     return document
 
 
@@ -333,20 +335,22 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
         InvalidInput, RobotFileError: the file is missing or broken.
     """
     if robot_file is not None:
-        found = robot_file_of(str(robot_file))
+        source = robot_file_of(str(robot_file))
     else:
-        entry = find_entry(stated["robot_file"])
-        found = file.parent / stated["robot_file"] if entry is None else entry.file
-        if not os.path.exists(found):
+        entry = find_entry(stated["robot_file"])  # None if this is no catalogue name
+        source = file.parent / stated["robot_file"] if entry is None else entry.file
+        if not os.path.exists(source):
             raise RobotFileError(
-                f"{file}: robot_file: there is no {found}; if it has moved, name it again (--robot-file, or "
+                f"{file}: robot_file: there is no {source}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(found, flexibility=stated["flexibility"], parameters=stated["parameters"])
+    return ParallelRobot.from_file(source, flexibility=stated["flexibility"], parameters=stated["parameters"])
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
     """Return the request that plan.json states, checked for the robot and the law's duration [s].
+
+    `stated` are the values of its path and options; the path is removed from them.
 
     Raises:
         InvalidInput: an option is invalid, or the request has another duration.
@@ -360,7 +364,12 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the stated law of a duration [s]; refuse a smoothness that the request or laws exclude."""
+    """Return the stated law of a duration [s].
+
+    Raises:
+        InvalidInput: the duration is invalid, or the law is less smooth than requested or smoother than
+            optimal laws can be.
+    """
     check_duration(duration)
     if stated["kind"] == Law.kind:
         return Law(np.array(stated["chebyshev"]), duration)
@@ -377,7 +386,11 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of an optimal law, None for a polynomial; refuse other combinations."""
+    """Return the stated optimality of a law of this kind; None for a polynomial.
+
+    Raises:
+        InvalidInput: an optimal law has no stated optimality, or a polynomial has one.
+    """
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -391,10 +404,10 @@ def _make_optimality(
 
 def _compared_document(plan: CrossingPlan) -> Document:
     """Return the part of plan.json that `load_plan` computes anew and compares."""
-    crossings = [
-        vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
-        for crossing in plan.crossings
-    ]
+    crossings = []
+    for crossing in plan.crossings:
+        condition = None if crossing.condition is None else crossing.condition._asdict()
+        crossings.append(vars(crossing) | {"condition": condition})
     return {
         "geometry": plan.geometry,
         "duration": plan.duration,
@@ -431,7 +444,7 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Refuse a file that contradicts the plan computed from it; name the first key that does.
+    """Refuse a file that contradicts the plan computed anew; name the first such key.
 
     Args:
         saved: the content of plan.json.

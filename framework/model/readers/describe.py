@@ -84,8 +84,8 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored.
 
     Args:
-        tree: of which `describe` fixes joints.
-        file: that was read.
+        tree: the content of the file; its locked joints become fixed.
+        file: the file that was read.
         options: override and complete the file.
         dialect: one of `recognise.DIALECTS`.
 

@@ -136,12 +136,12 @@ class _Model:
         self.compiled = compiled
         names = [self.name("body", k) for k in range(compiled.nbody)]  # the first is the world
         taken = {*names, ""}
-        self.bodies = [name or free_name(f"body_{k}", taken) for k, name in enumerate(names)]
+        self.bodies = [body or free_name(f"body_{k}", taken) for k, body in enumerate(names)]
 
         self.joints: list[_Joint] = []
         for j, number in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
-            rank = j - compiled.body_jntadr[k]  # among the joints of the body
+            rank = j - compiled.body_jntadr[k]  # among the joints of the body, from 0
             default = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
             kind = _KINDS[member_name("mjtJoint", number)]
             self.joints.append(_Joint(self.name("joint", j) or default, kind, compiled.joint(j)))
@@ -277,8 +277,8 @@ class _Model:
         first = self._moment_arms(kind, model.eq_obj1id[k])
         second = self._moment_arms(kind, model.eq_obj2id[k])
         if first is None or second is None:
-            where += ": of a spatial tendon, which is not read"
-            self.leave_out(where, self.all_joints, is_decisive=True)
+            problem = "of a spatial tendon, which is not read"
+            self.leave_out(f"{where}: {problem}", self.all_joints, is_decisive=True)
             return
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
@@ -293,7 +293,7 @@ class _Model:
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
         elif len(arms) == 2:
             self._couple(name, arms, offset)
-        if len(arms) == 1:  # also if a problem is reported
+        if len(arms) == 1:  # arm q = offset; also if a problem is reported
             ((joint, arm),) = arms.items()
             tree.fix(tree.joints[joint], offset / arm)
 
@@ -304,14 +304,14 @@ class _Model:
         a coupling.
         """
         tree = self.tree
-        (joint, arm), (of, arm_of) = arms.items()
+        (joint, arm), (leader, leader_arm) = arms.items()
         first = tree.joints[joint]
-        second = tree.joints[of]
-        is_equal = (offset, arm, arm_of) == (0.0, 1.0, -1.0)
+        second = tree.joints[leader]
+        is_equal = (offset, arm, leader_arm) == (0.0, 1.0, -1.0)
         # whether no other joint moves between the links that the two hinges carry
         are_alone = tree.moving_chains(first.child, second.child) == ([first], [second])
         if not (is_equal and are_alone and tree.close_turns(name, first.child, second.child)):
-            tree.couplings.append(Coupling(joint, of, -arm_of / arm, offset / arm))
+            tree.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
 
     # -------------------------------------------------------------- forces
 

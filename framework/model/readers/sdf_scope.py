@@ -102,6 +102,7 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
     """Add the models in an element, and the models in files that the element includes.
 
     Args:
+        parent: the element, such as a <world> or a <model>.
         folder: of the file, from which paths of included files start.
         prefix: of scoped names, such as "a::" in model a; empty in the world.
         base: frame to which a model's pose is relative by default.

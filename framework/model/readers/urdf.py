@@ -186,15 +186,16 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
-    first, second = (_read_end(tree, element, where, end)[0] for end in ends)  # links
-    value = child_element(element, where, "ratio")
-    check_parts(value, f"{where}: <ratio>", (), ("value",))
-    ratio = read_number(value, f"{where}: <ratio>", "value")
+    first, second = (_read_end(tree, element, where, end)[0] for end in ends)  # links, without placements
+    ratio_element = child_element(element, where, "ratio")
+    check_parts(ratio_element, f"{where}: <ratio>", (), ("value",))
+    ratio = read_number(ratio_element, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
 
     drivers, driven = tree.moving_chains(first, second)
-    # with the ratio 0, or without joints on one side, the angle of one side must be zero
+    # ratio * (sum of angles of the drivers) = sum of angles of the driven joints; without joints on one side,
+    # or with the ratio 0, the other sum must be zero
     is_zero = ratio == 0.0 or not (drivers and driven)
     joints_at_zero = driven if ratio == 0.0 or not drivers else drivers
     if is_zero and len(joints_at_zero) == 1 and joints_at_zero[0].kind in MOVING:
@@ -283,9 +284,10 @@ def _close_named_frames(tree: UrdfTree) -> bool:
     for name, ends in pairs.items():
         if len(ends) < 2:
             ((end, link),) = ends.items()
-            missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
+            other_end = "2" if end == "1" else "1"
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{other_end}\1", link)
             raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
-        tree.close(name, locked_axes("spherical"), [(end, ends[end], np.eye(4)) for end in "12"])
+        tree.close(name, locked_axes("spherical"), [(end, ends[end], np.eye(4)) for end in ("1", "2")])
     return bool(pairs)
 
 
@@ -334,7 +336,7 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         hinge_at_zero = placement(None, entry["point"])
         ends = []
-        for end in "ab":
+        for end in ("a", "b"):
             name = entry[f"link_{end}"]
             ends.append((end, name, invert_placement(tree.zero_pose(name)) @ hinge_at_zero))
         tree.close(f"loop_{i + 1}", locked_axes("revolute"), ends, [axis])

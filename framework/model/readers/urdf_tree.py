@@ -83,14 +83,14 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
         tag = local_name(element.tag)
         if tag in valid:
             unused.update(_unused_parts(element, tag))
-        elif "}" not in element.tag and nearest(tag, valid):
+        elif "}" not in element.tag and nearest(tag, valid):  # in no namespace, so probably misspelled
             raise RobotFileError(choose_from("element", tag, valid))
         else:
             unused[f"<{tag}>"] += 1
             root.remove(element)
     for element in root.iter():
         for key in list(element.attrib):
-            if key.startswith("{"):
+            if key.startswith("{"):  # in the namespace of another program
                 del element.attrib[key]
     return unused
 
@@ -361,7 +361,9 @@ class UrdfTree(Tree):
         origin = joint.origin
         for name, axis in zip(names, axes, strict=True):
             motions.append(NewJoint(name, "continuous", origin, unit_vector(axis)))
-            origin = np.eye(4)
+            origin = np.eye(4)  # of all hinges but the first
+
+        # the chain takes the place of the joint in the XML, then in the tree
         elements = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
         position = list(self.root).index(joint.element)
         self.root[position : position + 1] = elements
