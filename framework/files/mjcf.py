@@ -109,7 +109,7 @@ def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def _add_motors(robot: ParallelRobot, root: Element) -> None:
-    """Add an actuator for each motor, controlled by the motor torque [N m]."""
+    """Add an actuator for each motor, controlled by the motor torque [N m], and the speed limits."""
     actuator = SubElement(root, "actuator")
     speed_limits = Element("custom")
     for motor in robot.description.actuators:

@@ -198,7 +198,7 @@ class _RowProduct(NamedTuple):
 
 
 def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
-    """Return the product that locks one axis of a closure: of AXES, or a kind in ROW_KINDS."""
+    """Return the product that locks one axis of a closure: x, y, z, rx, ry, rz, or a kind in ROW_KINDS."""
     if closure.length is not None and axis in ROW_KINDS:
         kind = ROW_KINDS[axis]
         weight_and_constant = kind.coefficients(closure.length)
@@ -206,7 +206,7 @@ def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
     k = "xyz".index(axis[-1])
     if axis.startswith("r"):
         return _perpendicular_axes(k, closure)
-    return _RowProduct(first_axis=k)
+    return _RowProduct(first_axis=k)  # u.d = 0
 
 
 def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:

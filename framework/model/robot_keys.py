@@ -195,7 +195,7 @@ def _closure_reader(urdf: Tree) -> Reader[Closure]:
     def read(where: str, given: Any) -> Closure:
         """Read a kind with its axis or length, or locked axes."""
         content = mapping(where, given)
-        if ("kind" in content) == ("axes" in content):
+        if ("kind" in content) == ("axes" in content):  # both or neither
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
             values = read_table(where, given, table | {"axes": required(_read_axes)})
@@ -370,7 +370,7 @@ def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, floa
     if len(points) < least or (len(points) > least and not may_have_more):
         count = f"at least {least}" if may_have_more else least
         raise InvalidInput(f"{where}.{kind}: needs {count} points, got {len(points)}")
-    if (paths["blend"] is None) == (kind == "polyline"):
+    if (paths["blend"] is None) == (kind == "polyline"):  # a polyline without it, or another path with it
         raise InvalidInput(f"{where}.blend: belongs to a polyline, which needs one [m], and to no other path")
     return kind, points, paths["blend"]
 

@@ -127,6 +127,10 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     A path is relative to the folder. package://NAME/REST means share/NAME/REST in the files of the Python
     distribution NAME or, failing that, under the prefix of this interpreter, where conda installs.
 
+    Args:
+        folder: of the robot file.
+        reference: path, or package://NAME/REST.
+
     Raises:
         MissingPackage: NAME is not installed.
         RobotFileError: NAME is installed and has no such file, or the reference names no file.
@@ -141,9 +145,9 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     shared = f"share/{package}/{rest}"
     prefix = Path(sysconfig.get_path("data"))
     try:
-        installed = files(package) or []
+        installed = files(package) or []  # all files of the distribution, if it lists them
     except PackageNotFoundError:
-        installed = None
+        installed = None  # no distribution of this name
     for file in installed or ():
         if f"/{file.as_posix()}".endswith(f"/{shared}"):
             return Path(str(file.locate()))

@@ -120,8 +120,9 @@ class Band(ReadOnlyArrays):
         count = len(values)
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
-        columns = band.reshape(count * self.size, self.height).T
-        return BandFactors(self, values, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
+        storage = band.reshape(count * self.size, self.height).T  # (height, T k) with adjacent columns
+        lu, pivots, singular = dgbtrf(storage, self.lower, self.upper, overwrite_ab=1)
+        return BandFactors(self, values, lu, pivots, singular)
 
 
 @dataclass(frozen=True, eq=False)

@@ -176,7 +176,7 @@ class TimeFunction(ReadOnlyArrays):
         if len(self.edges) == 2:
             values = self._evaluate_panel(0, flat, order)
         else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,)
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
             values = np.empty((flat.size, self.coefficients.shape[2]))
             for p in np.unique(panel) if values.size else ():
                 inside = panel == p

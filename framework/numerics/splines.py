@@ -34,7 +34,8 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
     """
     values = np.ones((len(x), 1))
     for p in range(1, degree + 1):
-        start = knots[intervals[:, None] + np.arange(1 - p, 1)]  # (T, p), of the splines of degree p - 1
+        # (T, p) first and last knots of the splines of degree p - 1 that are not zero at x
+        start = knots[intervals[:, None] + np.arange(1 - p, 1)]
         end = knots[intervals[:, None] + np.arange(1, p + 1)]
         # a spline of degree p - 1 contributes to the p-th splines of the same index and of the one before
         if p <= degree - order:

@@ -235,13 +235,14 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
     values[2:] += elastic_terms.sum(axis=1)  # adds the terms of moving springs to gamma and delta
 
-    # a coefficient that is small against the sizes of its terms is rounding
+    # a coefficient that is small against the sum of the sizes of its terms is rounding
     largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
-    sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(rigid_terms).sum(axis=1))
-    sizes[2:] += np.abs(elastic_terms).sum(axis=1)
+    sums = np.abs(rigid_terms).sum(axis=1)
+    term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), sums)
+    term_sizes[2:] += np.abs(elastic_terms).sum(axis=1)
     # stiff springs add small terms, which are not rounding as long as s" has an effect
-    if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
-        values = remove_rounding(values, sizes, alpha_index=0)
+    if deflection is None or not abs(values[0]) > NO_HOLD * term_sizes[0]:
+        values = remove_rounding(values, term_sizes, alpha_index=0)
     return Condition8(*values.tolist())
 
 
@@ -305,7 +306,7 @@ def _probe_motions(
     return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
 
 
-def remove_rounding(values: Array, sizes: Array, alpha_index: int) -> Array:
+def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array:
     """Set coefficients (k,) of condition (8) that are no larger than rounding to zero.
 
     Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
@@ -313,12 +314,12 @@ def remove_rounding(values: Array, sizes: Array, alpha_index: int) -> Array:
 
     Args:
         values: the coefficients (k,).
-        sizes: sums (k,) of the absolute values of each coefficient's terms.
+        term_sizes: sums (k,) of the absolute values of each coefficient's terms.
         alpha_index: index of the coefficient of s" among the k.
     """
-    alpha_has_effect = abs(values[alpha_index]) > NO_HOLD * sizes[alpha_index]
+    alpha_has_effect = abs(values[alpha_index]) > NO_HOLD * term_sizes[alpha_index]
     rounding = CONDITION_ROUNDING if alpha_has_effect else NO_HOLD
-    return np.where(np.abs(values) > rounding * sizes, values, 0.0)
+    return np.where(np.abs(values) > rounding * term_sizes, values, 0.0)
 
 
 def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:

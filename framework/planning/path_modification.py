@@ -147,8 +147,8 @@ class _Modification(NamedTuple):
         share, plan = least
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
-            _least_bend, *larger_bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
-            for bend in larger_bends:
+            bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
+            for bend in bends[1:]:  # the first is the least sufficient one
                 larger = self.plan_bent(np.copysign(bend, share))
                 if larger is not None:
                     choices.append(BendChoice(bend, larger.peak_torque))
@@ -255,7 +255,7 @@ def _evaluate_bump(s: Array, c: float) -> Array:
     N = 10.0
     inflexion = min(c, 1.0 - c)
     p = inflexion * (N - 1) + 0.5
-    root = (p + np.sqrt(p**2 - N * (N - 1) * inflexion**2)) / N
+    root = (p + np.sqrt(p**2 - N * (N - 1) * inflexion**2)) / N  # the larger one: the peak is behind
     m = root if c <= 0.5 + SAME_PLACE else 1.0 - root
     rising = (s / m) ** (N * m)
     falling = ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))

@@ -439,8 +439,10 @@ def _search_timings(
     centres = first_laws[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
 
-    # the survivors, best first, their scores and the mean of the survivors of the round before
-    laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
+    # the survivors, best first, with their scores, and the mean of the survivors of the round before
+    laws = first_laws[:1]
+    scores = score_laws(starts[:1])
+    mean = first_laws[0]
     for _ in range(MAX_ROUNDS):
         # survivors of the round before stay in the race
         laws = np.concatenate([laws, drawn])

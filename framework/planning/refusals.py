@@ -237,9 +237,10 @@ class SearchEvidence(NamedTuple):
         else:
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
                 if peak is not None:
-                    left = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
+                    # a peak within the limits is refused if it is within the margin that a search leaves free
+                    margin = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
                     ratio = _ratio_text(peak)
-                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{left}")
+                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])

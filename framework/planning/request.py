@@ -82,7 +82,7 @@ class Request(PlanOptions):
             value = getattr(self, name)
             is_left_open = value is None and getattr(PlanOptions, name) is None  # None is the default
             if option.check is not None and not is_left_open:
-                object.__setattr__(self, name, option.check(name, value))
+                object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
         if self.bounded and self.law == "polynomial":
             raise InvalidInput(

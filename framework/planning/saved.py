@@ -391,7 +391,7 @@ def _make_optimality(
     Raises:
         InvalidInput: an optimal law has no stated optimality, or a polynomial has one.
     """
-    if (stated is None) != (kind == Law.kind):
+    if (stated is None) != (kind == Law.kind):  # a polynomial has no optimality, every other law has one
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
         return None
@@ -425,7 +425,7 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
     any value agrees.
     """
     mean_speed = 1.0 / plan.duration  # [1/s] of s
-    # what coefficients are multiplied by at this speed
+    # the factors of the coefficients in condition (8), at this speed and acceleration
     factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
     conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
     largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
@@ -454,7 +454,7 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
         InvalidInput: a value of the file differs by more than rounding.
     """
     document = _compared_document(plan)
-    # of certificate and optimality, one value each is compared
+    # of certificate and optimality one value each is compared: whether the law always advances, and its goal
     document["certificate"] = {"monotone": plan.certificate.monotone}
     optimality = plan.optimality
     document["optimality"] = None if optimality is None else {"optimize": optimality.specification.goal}

@@ -101,6 +101,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(tree.closures)
 
+    # lock joints; then only loops in which a joint still moves count
     if options.base is not None:
         lock_outside_base(tree, options.base, reference)
     apply_locks(tree, options.locked, reference)
@@ -109,6 +110,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     if not loops and not tree.couplings:
         raise _no_loop_error(options, tree.closures)
 
+    # URDF and platform are stand-ins until options or proposals have completed the robot
     actuators = attach_transmissions(tree)  # adds to tree.dynamics
     description = RobotDescription(
         name=_choose_name(tree.root, file),
@@ -125,7 +127,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     try:
         completed = complete_robot(options, PartialRobot(tree, description))
     except FrameworkError:
-        unread_effects(tree)  # as above
+        unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise
 
     urdf_text = tostring(tree.root, encoding="unicode")

@@ -132,7 +132,12 @@ class _Model:
     """
 
     def __init__(self, compiled: Any, name: str) -> None:
-        """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
+        """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2.
+
+        Args:
+            compiled: the model as MuJoCo has compiled it (MjModel).
+            name: of the robot.
+        """
         self.compiled = compiled
         names = [self.name("body", k) for k in range(compiled.nbody)]  # the first is the world
         taken = {*names, ""}

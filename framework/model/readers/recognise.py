@@ -113,7 +113,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 def _line_of_element(message: str, text: str) -> str:
     """Return "line N: " for the element in `text` that a message begins with, or ""."""
-    named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
+    named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)  # tag and name, as in "joint 'hip': ..."
     if named is None:
         return ""
     tag, name = named.groups()

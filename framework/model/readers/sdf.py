@@ -110,15 +110,15 @@ class _Joint(NamedTuple):
         """
         parent, child = self.links
         on_parent, on_child = self.placements
-        first, *others = self.motions
         if link == parent:
+            first, *others = self.motions
             return [first._replace(origin=on_parent), *others], child, invert_placement(on_child)
         # from child to parent the motions are in reverse order, about opposite axes
-        first, *others = [
+        last, *others = [
             motion if motion.axis is None else motion._replace(axis=-motion.axis)
             for motion in reversed(self.motions)
         ]
-        return [first._replace(origin=on_child), *others], parent, invert_placement(on_parent)
+        return [last._replace(origin=on_child), *others], parent, invert_placement(on_parent)
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -326,11 +326,12 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
         """Return whether each reason to cut a loop at a joint holds, the strongest reason first."""
         is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
         return (
-            f"{joint.name}_at_child" in scope.relative,  # from a constraint, by `_constraint_elements`
-            joint.kind != "screw",
-            not is_coupled,
+            # the frame that `_constraint_elements` makes: the file itself states a loop equation
+            f"{joint.name}_at_child" in scope.relative,
+            joint.kind != "screw",  # which cannot be cut
+            not is_coupled,  # couplings need joints of the tree
             not _has_property(joint.element, *_OWN),
-            joint.kind in ("universal", "spherical"),
+            joint.kind in ("universal", "spherical"),  # which saves several joints of the tree
         )
 
     # Kruskal's algorithm: a joint enters the tree if it joins two groups of links. Joints with weak reasons
