@@ -198,7 +198,10 @@ class _RowProduct(NamedTuple):
 
 
 def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
-    """Return the product that locks one axis of a closure: x, y, z, rx, ry, rz, or a kind in ROW_KINDS."""
+    """Return the product that locks one axis of a closure.
+
+    The axis is x, y, z (a translation), rx, ry, rz (a rotation), or a kind in ROW_KINDS.
+    """
     if closure.length is not None and axis in ROW_KINDS:
         kind = ROW_KINDS[axis]
         weight_and_constant = kind.coefficients(closure.length)

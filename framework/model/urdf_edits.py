@@ -283,9 +283,7 @@ def insert_springs(root: Element, springs: Sequence[Spring]) -> None:
             link = virtual_link_name(motion.name)
             SubElement(root, "link", name=link)
             joint = joint_element(motion, link, end.get("link", ""))
-            end.set(
-                "link", link
-            )  # the last joint now ends at the massless link, behind which the spring acts
+            end.set("link", link)  # the last joint now leads to the massless link before the spring
             root.append(joint)
             last[spring.after] = joint
 

@@ -358,14 +358,14 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
     """
     entries = np.asarray(matrix, dtype=float)
-    size = float(np.abs(entries).max())
-    if size <= negligible:
+    largest_entry = float(np.abs(entries).max())
+    if largest_entry <= negligible:
         return
-    moments = np.linalg.eigvalsh(entries / size)  # ascending; scaled against overflow
+    moments = np.linalg.eigvalsh(entries / largest_entry)  # ascending; scaled against overflow
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
     if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
         with np.errstate(over="ignore"):
-            shown = ", ".join(f"{moment:.4g}" for moment in size * moments)
+            shown = ", ".join(f"{moment:.4g}" for moment in largest_entry * moments)
         raise RobotFileError(
             f"{where}: has the principal moments {shown} kg m^2, as no body has: none may be negative, none "
             f"above the sum of the other two"

@@ -64,6 +64,7 @@ def written_together(
                 _check_overwritten(folder, [document], document, complaint)
             yield temporary
 
+            # the block has ended without an error: its files replace older ones
             files = sorted(temporary.iterdir())
             names = [written.name for written in files]
             _check_overwritten(folder, names, document, complaint)

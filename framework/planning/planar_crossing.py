@@ -181,8 +181,8 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
     robots, plans = {}, {}
-    for name, size in GRAVITY.items():
-        x, y, z = (-size * upwards).tolist()
+    for name, acceleration in GRAVITY.items():
+        x, y, z = (-acceleration * upwards).tolist()
         robots[name] = ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))
         plans[name] = plan_crossing(
             robots[name],

@@ -364,9 +364,10 @@ def choose_timing(
 def _first_timings(s: Sequence[float], request: Request) -> Array:
     """Return times and speeds (m, 2, k) of the laws to try first.
 
-    The first entry are times and speeds of the law without crossing conditions. Each other entry has one
-    speed for all crossings, between 1.2 and 2.4 paths per duration, and the times of a motion at this
-    constant speed that passes s = 1/2 at half of the duration.
+    The first entry has times and speeds of the law without crossing conditions. Each other entry has one
+    speed for all crossings, and the times of a motion at this constant speed that passes s = 1/2 at half of
+    the duration. The speeds are between 1.2 and 2.4 paths per duration, around 1.9, the peak of the law
+    without crossing conditions and of smoothness 2.
     """
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
@@ -380,7 +381,7 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
         plain_times = np.array(request.times)
         times[:] = plain_times
     speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
-    if request.speeds is not None:  # likewise
+    if request.speeds is not None:  # the user's speeds, too
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
 

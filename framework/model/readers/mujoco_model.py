@@ -95,7 +95,7 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
-    """Zero the effects that flags of the file disable; refuse disabled loops."""
+    """Zero the effects in the compiled model that flags of the file disable; refuse disabled loops."""
     disabled = [
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
@@ -105,8 +105,8 @@ def _apply_flags(mujoco: Any, compiled: Any) -> None:
         if name in disabled and compiled.eq_active0.any():
             raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
     for name in disabled:
-        for array in _DISABLED.get(name, ()):
-            getattr(compiled, array)[:] = 0
+        for array_name in _DISABLED.get(name, ()):
+            getattr(compiled, array_name)[:] = 0  # in place
     if "GRAVITY" in disabled:
         compiled.opt.gravity[:] = 0.0
 

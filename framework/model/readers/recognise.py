@@ -95,6 +95,10 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     """Read an XML file, whose content is `text`, with the reader of its root element.
 
     Errors begin with the line of the element that they name.
+
+    Raises:
+        MissingPackage: the reader needs a package that is not installed.
+        RobotFileError: the root element is unknown, or the reader refuses the file.
     """
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
@@ -189,8 +193,8 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Complete a robot of our own file by the options.
 
     Raises:
-        RobotFileError: options lock joints, which the file itself does with the key `locked`; see
-            `complete_robot`.
+        RobotFileError: options lock joints, which the file itself does with the key `locked`; or options name
+            what the robot does not have.
     """
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"

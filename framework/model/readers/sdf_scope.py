@@ -171,6 +171,8 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
 def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the links, frames, joints and models of a model whose frame is `base`.
 
+    A constraint of Drake becomes two frames and a joint.
+
     Args:
         folder: of the file, from which paths of included files start.
         prefix: of scoped names in the model, such as "a::" in model a.

@@ -394,6 +394,7 @@ class UrdfTree(Tree):
             axes.append(axis / np.linalg.norm(axis))
         if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
+        # a frame of each link, parallel to the base at zero; their turn about the common axis stays zero
         ends = []
         for end, link in (("first", first), ("second", second)):
             axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
