@@ -95,7 +95,7 @@ class Actuator:
     joint: str
     gear_ratio: float = 1.0
     rotor_inertia: float = 0.0
-    torque_limit: float | None = None
+    torque_limit: float | None = None  # None: no limit
     speed_limit: float | None = None
 
 

@@ -189,12 +189,12 @@ def loop_rows(
 class _RowProduct(NamedTuple):
     """The product of one row: fields of `LoopRows`, in the same order."""
 
-    square: bool = False
-    rotation: bool = False
-    first_axis: int = 0
-    second_axis: int = 0
-    weight: float = 1.0
-    constant: float = 0.0
+    square: bool = False  # whether it is d.d
+    rotation: bool = False  # whether it is u.w
+    first_axis: int = 0  # 0..2, of u
+    second_axis: int = 0  # 0..2, of w
+    weight: float = 1.0  # factor of the product
+    constant: float = 0.0  # which is subtracted
 
 
 def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:

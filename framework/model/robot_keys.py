@@ -241,7 +241,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
 
 
 # values of JointDynamics, None if not given
-_JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
+_DYNAMICS_TABLE: Table = {"rest": optional(number)} | dict.fromkeys(
     ("armature", "damping", "friction", "stiffness"), optional(not_negative)
 )
 
@@ -256,7 +256,7 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
         An entry under the name of a ball is for its three coordinates; the values of an entry for one of
         these coordinates override it.
         """
-        stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
+        stated = mapping_of(record(_DYNAMICS_TABLE), one_of("joint", [*names, *whole_joints]))(where, given)
         values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
         for name in sorted(stated, key=lambda name: name not in whole_joints):
@@ -334,7 +334,7 @@ PATHS: Table = {  # one of the kinds, see `select_path`
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
-_MOTION: Table = {
+_SCENE_TABLE: Table = {
     **PATHS,
     "duration": optional(positive),
     "optimize": optional(one_of("goal", GOALS)),
@@ -399,7 +399,7 @@ def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
 
 def _scenes_reader(urdf: Tree) -> Reader[dict[str, Scene]]:
     """Return a reader of scenes by name."""
-    scene = {**_MOTION, "wrenches": optional(_wrenches_reader(urdf))}
+    scene = {**_SCENE_TABLE, "wrenches": optional(_wrenches_reader(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
         """Read each scene, and give the scene its name."""

@@ -32,7 +32,7 @@ from framework.model.urdf_elements import (
 )
 from framework.numerics.arrays import Array
 
-GROUND = "ground"
+GROUND = "ground"  # the root link of a robot whose file frees the root
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # the children that pinocchio reads, by tag and by type of joint
 _READ_PARTS = {

@@ -129,7 +129,7 @@ class Band(ReadOnlyArrays):
 class BandFactors:
     """LU factors of T matrices (k, k)."""
 
-    band: Band
+    band: Band  # the positions of their entries
     values: Array  # (T, E) entries of the matrices
     lu: Array  # (height, T k) LU factors in LAPACK's storage
     pivots: IntArray  # (T k,)

@@ -19,6 +19,7 @@ from framework.errors import InvalidInput, OutputError
 from framework.numerics.input import read_text
 from framework.numerics.interruption import defer_signals
 
+# those on which the last bit of results depends
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 Document = dict[str, Any]  # a JSON object, or what becomes one

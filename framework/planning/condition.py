@@ -62,11 +62,11 @@ class Condition8(NamedTuple):
 
 
 class Deflection(NamedTuple):
-    """The deflections [m, rad] and their first two time derivatives at one instant, each (n_e,)."""
+    """The deflections and their first two time derivatives at one instant."""
 
-    value: Array
-    rate: Array
-    acceleration: Array
+    value: Array  # (n_e,) [m, rad]
+    rate: Array  # (n_e,) [m/s, rad/s]
+    acceleration: Array  # (n_e,) [m/s^2, rad/s^2]
 
     @staticmethod
     def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:

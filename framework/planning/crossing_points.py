@@ -39,7 +39,8 @@ class CrossingTime(NamedTuple):
 class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
-    crossing_points: those points, singular ones of the undeformed robot or imposed by the user.
+    searched: the path with its singular points, under the wrenches of the request.
+    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 

@@ -24,11 +24,11 @@ NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a qu
 
 
 class Column(NamedTuple):
-    """The name of a column, in letters, digits and underscores, with its SI unit and description."""
+    """A column of motion.csv."""
 
-    name: str
-    unit: str
-    what: str
+    name: str  # of letters, digits and underscores
+    unit: str  # SI
+    what: str  # description of the quantity
 
 
 class MotionTable(NamedTuple):

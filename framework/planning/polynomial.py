@@ -38,7 +38,7 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
-PlannedCrossing = tuple[CrossingPoint, Condition8]
+PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
 ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
 MAX_BALANCES = 12  # of law and deflections, until the polynomial passes the crossings
@@ -54,6 +54,7 @@ DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the du
 
 # from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
 Measure = Callable[[Array, Array], tuple[Array, Array]]
+# advice where times or speeds do not suit the duration
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
     "which finds its own"

@@ -75,10 +75,10 @@ class CrossingPlan:
     """
 
     robot: ParallelRobot
-    request: Request
+    request: Request  # path and options
     law: PlannedLaw
-    crossings: tuple[Crossing, ...]
-    dynamics: InverseDynamics
+    crossings: tuple[Crossing, ...]  # in the order of time
+    dynamics: InverseDynamics  # the motion under the law, with its torques
     certificate: Certificate
     seconds: float = 0.0  # computing time of planning
     reason: str = ""  # for the choice of the kind of law

@@ -78,13 +78,13 @@ def _read_series(where: str, raw: Any) -> tuple[float, ...]:
 
 def _read_law(where: str, raw: Any) -> Document:
     """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
-    kind = read_table(where, raw, _KIND, others=None)["kind"]
-    return read_table(where, raw, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
+    kind = read_table(where, raw, _KIND_TABLE, others=None)["kind"]
+    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
-_KIND: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
-_LAWS: Mapping[str, Table] = {
+_KIND_TABLE: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
+_LAW_TABLES: Mapping[str, Table] = {
     Law.kind: {"chebyshev": required(_read_series)},
     OptimalLaw.kind: {
         "smoothness": required(whole),
@@ -93,10 +93,11 @@ _LAWS: Mapping[str, Table] = {
         "dense_at": required(_NUMBERS),
     },
 }
-_OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
-_TIME: Table = {"time": required(number), "speed": required(number)}
+_OPTIMALITY_TABLE: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
+_CROSSING_TABLE: Table = {"time": required(number), "speed": required(number)}
+# keys that must be in the file, whose values are computed anew
 _COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
-_READ: Table = {
+_PLAN_TABLE: Table = {
     "version": required(whole),
     "robot_file": required(text),
     "parameters": optional(mapping_of(number), {}),
@@ -106,10 +107,10 @@ _READ: Table = {
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
-    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _TIME, others=None))),
+    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _CROSSING_TABLE, others=None))),
     "reason": required(text_or_empty),
     "optimality": required(
-        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY, others=("optimize",)))
+        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY_TABLE, others=("optimize",)))
     ),
     "seconds": required(not_negative),
     **dict.fromkeys(_COMPUTED, required(anything)),
@@ -303,7 +304,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _READ, others=("bend", "fidelity"))  # which commands add
+        return read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:

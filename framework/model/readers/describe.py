@@ -75,7 +75,7 @@ class Options:
         return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
-Propose = Callable[[Options, PartialRobot], PartialRobot]
+Propose = Callable[[Options, PartialRobot], PartialRobot]  # completes a robot by guesses
 
 
 def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> ParsedRobot:

@@ -38,14 +38,14 @@ from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array
 
 # Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
-_KINDS = {
+_KIND_OF_JOINT = {
     "mjJNT_FREE": "floating",
     "mjJNT_BALL": "spherical",
     "mjJNT_SLIDE": "prismatic",
     "mjJNT_HINGE": "continuous",
 }
 # geoms in terms of a URDF; a capsule is drawn without its ends
-_SHAPES = {
+_SHAPE_OF_GEOM = {
     "mjGEOM_SPHERE": "sphere",
     "mjGEOM_CAPSULE": "cylinder",
     "mjGEOM_CYLINDER": "cylinder",
@@ -56,7 +56,7 @@ _JOINT_MOTORS = ("mjTRN_JOINT", "mjTRN_JOINTINPARENT")
 _MOTOR_GAINS = ("mjGAIN_FIXED", "mjGAIN_AFFINE", "mjGAIN_USER")  # a muscle is no motor
 _MOTOR_DYNAMICS = ("mjDYN_NONE", "mjDYN_INTEGRATOR", "mjDYN_FILTER", "mjDYN_FILTEREXACT")
 # MuJoCo's fields of joints and tendons, in the order of JointDynamics
-_ACTING = ("armature", "damping", "frictionloss", "stiffness")
+_DYNAMICS_FIELDS = ("armature", "damping", "frictionloss", "stiffness")
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -93,7 +93,7 @@ class _Joint(NamedTuple):
     """A joint's name and kind in the URDF, and MuJoCo's view of the joint."""
 
     name: str
-    kind: str  # one of the values of _KINDS
+    kind: str  # one of the values of _KIND_OF_JOINT
     view: Any  # has the joint's part of each array of the compiled model
 
     @property
@@ -148,7 +148,7 @@ class _Model:
             k = compiled.jnt_bodyid[j]
             rank = j - compiled.body_jntadr[k]  # among the joints of the body, from 0
             default = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
-            kind = _KINDS[member_name("mjtJoint", number)]
+            kind = _KIND_OF_JOINT[member_name("mjtJoint", number)]
             self.joints.append(_Joint(self.name("joint", j) or default, kind, compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
 
@@ -191,7 +191,7 @@ class _Model:
                 inertia = axes @ np.diag(model.body_inertia[k]) @ axes.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
-            if shape := _SHAPES.get(member_name("mjtGeom", model.geom_type[k])):
+            if shape := _SHAPE_OF_GEOM.get(member_name("mjtGeom", model.geom_type[k])):
                 links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
         return root
 
@@ -327,7 +327,7 @@ class _Model:
             view = joint.view
             names = coordinates_of(joint.name, joint.kind)
             rest = view.qpos_spring[0] - view.qpos0[0] if joint.has_one_freedom else None
-            dynamics = _make_dynamics((getattr(view, key)[0] for key in _ACTING), rest)
+            dynamics = _make_dynamics((getattr(view, key)[0] for key in _DYNAMICS_FIELDS), rest)
             if dynamics != JointDynamics():
                 self.tree.dynamics |= dict.fromkeys(names, dynamics)
             if model.nkey:
@@ -379,7 +379,7 @@ class _Model:
             return
         low, high = model.tendon_lengthspring[k]
         rest = low - model.tendon_length0[k] if low == high else None  # slack from low to high: not read
-        dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
+        dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _DYNAMICS_FIELDS), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
 
@@ -434,7 +434,7 @@ class _Model:
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
-            for key in _ACTING:
+            for key in _DYNAMICS_FIELDS:
                 if value := getattr(model, f"tendon_{key}")[k]:
                     effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
@@ -445,7 +445,7 @@ class _Model:
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
-    """Return joint dynamics from values in the order of _ACTING.
+    """Return joint dynamics from values in the order of _DYNAMICS_FIELDS.
 
     `rest` is the position [rad, m] where a spring is at rest; without one (None) the stiffness is left out.
     """
@@ -459,7 +459,7 @@ def _make_visual(shape: str, size: Array, origin: Array) -> Element:
     """Return the URDF's `<visual>` of a primitive geom.
 
     Args:
-        shape: one of the values of _SHAPES.
+        shape: one of the values of _SHAPE_OF_GEOM.
         size: (3,) [m] as MuJoCo has it: half edges of a box; radius and half length of others.
         origin: (4, 4) placement in the link.
     """

@@ -30,7 +30,7 @@ from framework.numerics.input import read_text
 # [kg], [kg m^2] for bodies without mass; MuJoCo refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
 # the arrays that each flag of <option> disables
-_DISABLED = {
+_ARRAYS_OF_FLAG = {
     "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
     "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
     "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
@@ -105,7 +105,7 @@ def _apply_flags(mujoco: Any, compiled: Any) -> None:
         if name in disabled and compiled.eq_active0.any():
             raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
     for name in disabled:
-        for array_name in _DISABLED.get(name, ()):
+        for array_name in _ARRAYS_OF_FLAG.get(name, ()):
             getattr(compiled, array_name)[:] = 0  # in place
     if "GRAVITY" in disabled:
         compiled.opt.gravity[:] = 0.0

@@ -33,11 +33,11 @@ DIALECTS = {
     "urdf": "URDF with <mimic>, <gazebo><joint>, drake:ball_constraint or loop_closures.yaml",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
-_USD = (
+_USD_REFUSAL = (
     "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
     "there the loops that they cut"
 )
-_LISTS = ("axes", "motors", "platform_joints")  # options that are lists of names
+_LIST_OPTIONS = ("axes", "motors", "platform_joints")  # options that are lists of names
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our robot file
 
 
@@ -70,7 +70,7 @@ def parse_any(
     """
     path = Path(file)
     stated: dict[str, Any] = {
-        name: tuple(value) if name in _LISTS else value
+        name: tuple(value) if name in _LIST_OPTIONS else value
         for name, value in options.items()
         if value is not None
     }
@@ -79,7 +79,7 @@ def parse_any(
         path = _find_pair(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
     if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
-        raise RobotFileError(f"{path}: {_USD}")
+        raise RobotFileError(f"{path}: {_USD_REFUSAL}")
     is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")

@@ -54,7 +54,7 @@ from framework.numerics.fields import vector3
 
 UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
 # kinds of joints by their type in the file
-_KINDS = {
+_KIND_OF_TYPE = {
     "fixed": "fixed",
     "revolute": "revolute",
     "continuous": "revolute",
@@ -65,17 +65,18 @@ _KINDS = {
     "ball": "spherical",
 }
 # the motions of one freedom that make each kind: suffix of the name, type in the URDF, tag of the axis
-_MOTIONS = {
+_MOTIONS_OF_KIND = {
     "revolute": (("", "continuous", "axis"),),
     "prismatic": (("", "prismatic", "axis"),),
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
     "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
 }
-_NOT_READ = ("gearbox",)  # types of joints
+_UNREAD_TYPES = ("gearbox",)  # types of joints
 # elements without an effect on the motion
-_UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
-_OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
-_DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
+_UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
+# properties that joints of the tree can have, and closures cannot
+_TREE_PROPERTIES = ("dynamics", "limit", "mimic")
+_DYNAMICS_TAGS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
 # texts of the children of <inertial> that SDF takes by default, moments in the order of ENTRIES
 _DEFAULT_INERTIA = {
     "mass": "1",
@@ -94,7 +95,7 @@ class _Joint(NamedTuple):
 
     name: str  # scoped, see `sdf_scope`
     element: Element
-    kind: str  # one of the values of _KINDS
+    kind: str  # one of the values of _KIND_OF_TYPE
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
     motions: list[
@@ -134,7 +135,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     joints = _joints_of_main_part(scope)
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
-    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED})  # += drops zeros
+    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
@@ -163,7 +164,7 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
     """Report gearboxes, links without gravity, and links apart from the mechanism of `joints`."""
     gears = []
     for name, element in scope.joints.items():
-        if (kind := element.get("type")) in _NOT_READ:
+        if (kind := element.get("type")) in _UNREAD_TYPES:
             acts_on = name, *_links_of_joint(scope, name)
             gears.append(UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True))
     tree.left_out[:0] = gears  # in front, since their messages are more precise
@@ -202,7 +203,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     joint = scope.joints[name]
     where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
-    check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
+    check_name(where, "type", kind, (*_KIND_OF_TYPE, *_UNREAD_TYPES))
     with prefix_errors(where):
         first, second = (scope.link_of(end_name(joint, end)) for end in ("parent", "child"))
     if first == second:
@@ -213,7 +214,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     """Make a joint with its motions and its placement in each link; `links` are the parent and the child."""
     element = scope.joints[name]
-    kind = _KINDS.get(element.get("type", ""), "fixed")
+    kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
     on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
@@ -232,7 +233,7 @@ def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], d
     element = scope.joints[name]
     motions = []
     dynamics: dict[str, JointDynamics] = {}
-    for suffix, motion, tag in _MOTIONS.get(kind, ()):
+    for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
         limits = _read_limits(element, name, tag)
         motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, limits))
@@ -243,7 +244,7 @@ def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], d
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
     """Read damping, friction and spring along the axis of a joint in the element `tag`."""
-    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS}
+    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS_TAGS}
     damping, friction, stiffness, rest = _read_values(joint, f"joint {name!r}", paths)
     return JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
 
@@ -330,7 +331,7 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
             f"{joint.name}_at_child" in scope.relative,
             joint.kind != "screw",  # which cannot be cut
             not is_coupled,  # couplings need joints of the tree
-            not _has_property(joint.element, *_OWN),
+            not _has_property(joint.element, *_TREE_PROPERTIES),
             joint.kind in ("universal", "spherical"),  # which saves several joints of the tree
         )
 
@@ -433,7 +434,7 @@ def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
     Raises:
         RobotFileError: a closure cannot express joints of this type.
     """
-    if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
+    if (kind := joint.element.get("type")) in (*_UNREAD_TYPES, "screw"):
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
     # of each end: suffix of the name of its frame, link, and placement (4, 4) in the link
     ends = zip(("1", "2"), joint.links, joint.placements, strict=True)

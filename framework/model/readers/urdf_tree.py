@@ -36,8 +36,8 @@ from framework.tolerances import FILE_ROUNDING
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
 # top-level elements that belong to every URDF; children that are read, of some of them
-_KNOWN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
-_USED = {
+_URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+_READ_CHILDREN = {
     "link": ("inertial", "visual", "collision"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
@@ -135,8 +135,8 @@ def _unused_parts(element: Element, tag: str) -> Iterator[str]:
     """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
-    for child in element if tag in _USED else ():
-        if child.tag not in _USED[tag]:
+    for child in element if tag in _READ_CHILDREN else ():
+        if child.tag not in _READ_CHILDREN[tag]:
             yield f"<{child.tag}>"
 
 
@@ -177,7 +177,7 @@ class UrdfTree(Tree):
         # Drake's files need not declare the link `world`
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
             SubElement(root, "link", name="world")
-        self.unused = _remove_foreign_elements(root, (*_KNOWN, *extra))
+        self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
         self.extra = _take_out(root, extra)  # the dialect's own elements
         # the two ways in which ROS declares motors
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
