@@ -89,7 +89,10 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def enough(self) -> Comparison | None:
-        """The least level that is enough; None if no level is."""
+        """The least level that is enough; None if no level is.
+
+        No level is enough if the work of dry friction that no level models exceeds the tolerance.
+        """
         if self.neglected_work > self.tolerance:
             return None
         return next((level for level in self.levels if self.is_enough(level)), None)

@@ -46,7 +46,7 @@ class BandedFactor(NamedTuple):
         """
         from scipy.linalg import cholesky_banded
 
-        width = int(rows.indptr[1])
+        width = int(rows.indptr[1])  # W, the number of entries of a row
         entries = rows.data.reshape(-1, width)
         columns, first_rows = np.unique(rows.indices[::width], return_index=True)  # rows in the same columns
         groups = np.split(entries, first_rows[1:])

@@ -139,8 +139,8 @@ def _all_roots(series: Array) -> NDArray[Any]:
     and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     degree = len(series) - 1
-    weights = np.full(degree, 0.5)
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
     ratios = series[:degree] / series[degree]
     matrix = _colleague_matrix(degree).copy()
     matrix[:, 0] -= (ratios * weights)[::-1]

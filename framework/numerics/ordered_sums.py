@@ -59,7 +59,7 @@ def solve(matrix: Array, right: Array) -> Array:
         return solve(matrix, right[..., None])[..., 0]
     try:
         return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # one singular matrix fails the whole stack
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
 
 
@@ -77,7 +77,10 @@ def singular_values(matrices: NDArray[Any]) -> Array:
 
 
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular."""
+    """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular.
+
+    The solution of least squares is the shortest of those with the least residual.
+    """
     try:
         return np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:

@@ -52,7 +52,7 @@ def rotation_vector(rotation: Array) -> Array:
     # 2 sin(t) axis: the entries (3, 2), (1, 3) and (2, 1) of R - R'
     doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
-    vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]
+    vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]  # sin(t) axis over sin(t) / t
     wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
     if len(wide):
         from scipy.spatial.transform import Rotation

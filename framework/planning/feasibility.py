@@ -90,9 +90,9 @@ class Feasibility:
 
     @property
     def pace(self) -> float | None:
-        """The duration (2 / |s"|)^(1/2) [s] of the path from rest at the constant s" required at s' = 0.
+        """The duration [s] of the whole path from rest at the constant s" that is required at s' = 0.
 
-        None where s" has no effect, or without weight.
+        It is (2 / |s"|)^(1/2), from 1 = |s"| t^2 / 2. None where s" has no effect, or without weight.
         """
         if self.acceleration is None or self.weightless:
             return None
@@ -212,7 +212,11 @@ def _cosine(a: Array, b: Array) -> float:
 
 
 def is_crossable(searched: SearchedPath) -> bool:
-    """Return whether condition (8) admits a law at each singular point of a searched path."""
+    """Return whether condition (8) admits a law at each singular point of a searched path.
+
+    It admits none where several motions escape or the singularity is not of Type 2 (both without a
+    feasibility), where the path touches the locus or ends on it, and where no speed or acceleration meets it.
+    """
     return not any(
         feasibility is None
         or singular.contact == "tangential"
@@ -242,7 +246,7 @@ class OptimalDurations(NamedTuple):
         """The durations, in one line."""
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
-        if not self.shortest:
+        if not self.shortest:  # 0: there are no limits
             return "without limits laws of free shape have no shortest duration and no longest"
         return (
             f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "

@@ -93,7 +93,7 @@ def plan_request_with_modified_path(
         )
     try:
         return ModifiedPathPlan(plan_request(robot, request), 0.0, 0.0, 0.0)
-    except UncontrolledMotions:
+    except UncontrolledMotions:  # a NoLaw that no bend mends
         raise
     except NoLaw as refusal:
         proof = refusal.proof

@@ -195,9 +195,12 @@ class LeastLimits(NamedTuple):
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the least limits for ratios of peak torque and speed to a specification's limits.
+        """Return the least limits for peaks of torque and speed over a specification's limits.
 
-        The ratios are the fields `torque_peak` and `speed_peak`; `together` is the field of this name.
+        Args:
+            torque: the least peak of torque over the torque limits; None if unknown.
+            speed: the least peak of speed over the speed limits; None if unknown.
+            together: whether limits of torque and of speed must both be raised.
         """
         limits = {}
         if torque is not None:

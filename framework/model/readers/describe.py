@@ -185,7 +185,7 @@ def _choose_name(root: Element, file: Path) -> str:
 
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
-    """Return the dynamics of moving coordinates as the dialect states, else by <dynamics>."""
+    """Return the dynamics of moving coordinates as the dialect states, else as the URDF's <dynamics> does."""
     dynamics = merge_joint_dynamics(declared_dynamics(tree.root), {}) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
