@@ -95,7 +95,7 @@ def convert_to_qpos(model: pin.Model, q: Array, *, hinges: bool = False) -> Arra
     ball, and they are zero.
     """
     parts = []
-    for joint in list(model.joints)[1:]:
+    for joint in list(model.joints)[1:]:  # the first is pinocchio's universe
         part = q[joint.idx_q : joint.idx_q + joint.nq]
         if is_ball(joint):
             part = np.zeros(3) if hinges else np.roll(part, 1)

@@ -149,7 +149,7 @@ def _read_urdf(
     read_frames = list_of(added_frame_reader(read_tree(root)))
     for frame in read_frames("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
-        add_frame(root, origin=origin, **frame)
+        add_frame(root, origin=origin, **frame)  # `frame` has the other arguments
     with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
         return tostring(root, encoding="unicode"), root, read_tree(root)
 

@@ -214,7 +214,7 @@ class _Model:
         return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the moment arms d length / d q of a joint or tendon, by joint; None if spatial.
+        """Return the moment arms d length / d q of a joint or tendon, by joint; None for a spatial tendon.
 
         Args:
             kind: "joint" or "tendon".
@@ -225,6 +225,7 @@ class _Model:
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
+        # a tendon runs along parts, MuJoCo's wrap objects: a fixed one along joints, a spatial one along sites
         start = model.tendon_adr[number]
         parts = slice(start, start + model.tendon_num[number])
         if any(member_name("mjtWrap", part) != "mjWRAP_JOINT" for part in model.wrap_type[parts]):
@@ -394,7 +395,7 @@ class _Model:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
         is_on_joint = member_name("mjtTrn", model.actuator_trntype[k]) in _JOINT_MOTORS
         if is_on_joint and model.jnt_actfrclimited[joint]:
-            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
+            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))  # this limit is behind the gear
         symmetric = [float(abs(high)) for low, high in ranges if high and low == -high]
         return min(symmetric, default=None)
 

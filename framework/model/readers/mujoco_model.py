@@ -185,7 +185,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         except RobotFileError as error:
             yield UnreadElement(f"{body.info}: {error}", (body.name,), is_decisive=True)
             body.mass = max(body.mass, 0.0)
-            body.inertia = np.ones(3)
+            body.inertia = np.ones(3)  # any that is possible: the file is refused if the body moves
         # The largest moment of a thin rod is the sum of the others. MuJoCo allows no rounding above it.
         moments = np.maximum(body.inertia, 0.0)
         largest = moments.argmax()

@@ -283,7 +283,7 @@ class UrdfTree(Tree):
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
 
-        The name has underscores added if it was taken.
+        Underscores are added to the name until it is free, and so is that of the joint NAME_mount.
 
         Raises:
             RobotFileError: the tree has MAX_TREE_ELEMENTS added frames.
@@ -331,7 +331,7 @@ class UrdfTree(Tree):
             rotation_vector: (3,) of the ball in the reference [rad].
 
         Raises:
-            RobotFileError: see `replace_by_turns`.
+            RobotFileError: the name of a hinge, or of the link behind it, is taken.
         """
         from scipy.spatial.transform import Rotation
 
@@ -374,7 +374,8 @@ class UrdfTree(Tree):
             else:
                 hinge = read_joint(element, set(self.links))
                 self._taken.add(hinge.name)
-                self.joints[hinge.name] = self.parent_joint[hinge.child] = hinge
+                self.joints[hinge.name] = hinge
+                self.parent_joint[hinge.child] = hinge
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
         """Add the loop equation `name` that keeps the rotations of two links equal, where possible.
