@@ -225,7 +225,7 @@ class _Model:
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
-        # a tendon runs along parts, MuJoCo's wrap objects: a fixed one along joints, a spatial one along sites
+        # parts of the tendon (MuJoCo: wrap objects): joints of a fixed tendon, sites of a spatial one
         start = model.tendon_adr[number]
         parts = slice(start, start + model.tendon_num[number])
         if any(member_name("mjtWrap", part) != "mjWRAP_JOINT" for part in model.wrap_type[parts]):
