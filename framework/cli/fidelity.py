@@ -213,6 +213,6 @@ def capacity_lines(capacity: Capacity) -> list[str]:
         lines.append(IMPOSSIBLE.format(capacity, "" if robot.is_damped else " and more"))
     if capacity.failure is not None:
         lines.append(UNDECIDED.format(capacity))
-    if not np.isfinite(capacity.least_failed):
+    if not np.isfinite(capacity.end):
         lines.append(UNBOUND.format(capacity))
     return lines

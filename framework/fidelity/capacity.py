@@ -61,7 +61,7 @@ class Capacity:
     failure: NoAnswer | None = None
 
     @property
-    def least_failed(self) -> float:
+    def end(self) -> float:
         """The least multiple without a plan; infinite if all tried multiples have plans."""
         return min(self.refused, self.undecided)
 
@@ -172,15 +172,17 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Double or halve the multiple from 1 until m has a plan and 2 m has none.
 
+    A capacity's `end` is the least multiple tried so far that has no plan.
+
     Args:
         capacity: the multiple 0 with its plan.
     """
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
-        if not np.isfinite(capacity.least_failed):
+        if not np.isfinite(capacity.end):
             capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:
-            capacity = task.try_multiple(capacity, 0.5 * capacity.least_failed)
+            capacity = task.try_multiple(capacity, 0.5 * capacity.end)
         else:
             break
     return capacity
@@ -189,13 +191,13 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect at geometric means between the largest planned and the least failed multiple.
 
-    The bisection ends when the two differ by a share of BRACKET_RATIO. Nothing is bisected if no multiple
-    above zero has a plan, or if none failed.
+    The least failed multiple is the capacity's `end`. The bisection stops when the two differ by a share of
+    BRACKET_RATIO. Nothing is bisected if no multiple above zero has a plan, or if none failed.
     """
-    if capacity.multiple == 0.0 or capacity.least_failed == np.inf:
+    if capacity.multiple == 0.0 or capacity.end == np.inf:
         return capacity
-    while (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.least_failed:
-        mean = float(np.sqrt(capacity.multiple * capacity.least_failed))
+    while (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
+        mean = float(np.sqrt(capacity.multiple * capacity.end))
         capacity = task.try_multiple(capacity, mean)
     return capacity
 

@@ -107,7 +107,7 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
     robot, path = five_bar()
     found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
-    assert found.multiple <= 5.0 < found.least_failed <= 1.001 * found.multiple
+    assert found.multiple <= 5.0 < found.end <= 1.001 * found.multiple
     decided = isinstance(refusal, NoLaw | LimitsExceeded)
     assert (found.refused, found.undecided)[decided] == math.inf
     assert (found.failure, found.refusal)[decided] is refusal
