@@ -131,7 +131,10 @@ class ReferenceMotion:
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
-        """Yield the comparison of each level; levels with equal torques share a simulation.
+        """Yield the comparison of each level with the plan of the motion.
+
+        A level whose torques equal those of the level below, or of the plan, takes the errors from there and
+        is not simulated again.
 
         Args:
             motions: names and motions of the levels, the lowest first.

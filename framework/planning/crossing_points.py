@@ -80,7 +80,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
         NoLaw, UncontrolledMotions: no law can cross one of the singular points.
     """
     searched = searched.under(request.external_wrenches)
-    times, speeds, imposed = request.times, request.speeds, request.at
+    times, speeds, imposed = request.times, request.speeds, request.at  # None where left open
     if imposed is None and times == ():
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")

@@ -214,7 +214,9 @@ class _Model:
         return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the moment arms d length / d q of a joint or tendon, by joint; None for a spatial tendon.
+        """Return the moment arms d length / d q of a joint or tendon, by joint.
+
+        The result is None for a spatial tendon, whose moment arms change with the pose.
 
         Args:
             kind: "joint" or "tendon".
