@@ -14,7 +14,9 @@ the singularity measure. The deflections that solve F = 0 are smooth there only 
 condition (8).
 
 Derivatives are those of r + K l - J' lambda at fixed lambda, the multipliers of least squares. Newton's
-method on l is therefore Newton's method on (l, tau, lambda), with tau and lambda eliminated by Y'.
+method on l is therefore Newton's method on (l, tau, lambda), with tau and lambda eliminated by Y'. With
+redundant motors the change of G, which distributes their torques, is left out: slopes are off by 1e-3 or
+less, and steps converge linearly.
 
 Loads, Y and F are expressed in the f columns that move while the motors are locked, elastic columns first.
 Units are those of `spring_units` for springs; otherwise radians and lengths of the robot.

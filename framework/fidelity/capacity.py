@@ -78,7 +78,8 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
     """Find the largest multiple of `wrenches` with which an admissible law crosses.
 
     Args:
-        robot, path: as for `plan_crossing`.
+        robot: as returned by `load_robot`.
+        path: the platform's path.
         {options}
         If no duration is given, `optimize` is "time" by default.
 
@@ -171,6 +172,8 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Double or halve the multiple from 1 until m has a plan and 2 m has none.
 
+    A capacity's `end` is the least multiple tried so far that has no plan.
+
     Args:
         capacity: the multiple 0 with its plan.
     """
@@ -188,15 +191,23 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect at geometric means between the largest planned and the least failed multiple.
 
-    A capacity that is zero or unbounded has nothing to bisect.
+    The least failed multiple is the capacity's `end`. The bisection stops when the two differ by a share of
+    BRACKET_RATIO. Nothing is bisected if no multiple above zero has a plan, or if none failed.
     """
-    while 0.0 < (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end < np.inf:
-        capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
+    if capacity.multiple == 0.0 or capacity.end == np.inf:
+        return capacity
+    while (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
+        mean = float(np.sqrt(capacity.multiple * capacity.end))
+        capacity = task.try_multiple(capacity, mean)
     return capacity
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Return the capacity with the least of the tried multiples that is impossible."""
+    """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
+
+    The multiples are IMPOSSIBLE_RATIOS times the refused one. The bound need not refute that one itself: a
+    search may miss a law, and the bound is not sharp.
+    """
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

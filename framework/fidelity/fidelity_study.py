@@ -61,7 +61,7 @@ class FidelityStudy(ReadOnlyArrays):
     times: Array  # (T,) [s] instants of the levels' errors
     levels: tuple[Comparison, ...]  # in the order of `fidelity_levels.LEVELS`
     indicators: Indicators
-    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     has_control: bool  # whether the simulated motors have controllers, because the robot falls
     simulating: float  # [s] computing time of all simulations
     seconds: float  # computing time of the study
@@ -89,7 +89,10 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def enough(self) -> Comparison | None:
-        """The least level that is enough; None if no level is."""
+        """The least level that is enough; None if no level is.
+
+        No level is enough if the work of dry friction that no level models exceeds the tolerance.
+        """
         if self.neglected_work > self.tolerance:
             return None
         return next((level for level in self.levels if self.is_enough(level)), None)
@@ -113,7 +116,7 @@ class FidelityStudy(ReadOnlyArrays):
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s between a level's law and the motion's.
+        """Return the largest difference in s between the law of a compared level and the motion's.
 
         It is infinite if the level has no motion.
         """
@@ -257,7 +260,11 @@ def fidelity_study(
 
 
 def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
-    """Plan with the highest level or, without a plan, with the rigid one.
+    """Plan with the highest level or, without a plan, with the rigid one; return level and plan.
+
+    Args:
+        highest: the robot at the highest level.
+        request: with the geometry of the highest level.
 
     Raises:
         NoAnswer: the refusal of the highest level, if neither has a plan.

@@ -95,7 +95,7 @@ class ReferenceMotion:
     length: float  # [m] of the path, with rotations multiplied by the robot's length
     times: Array  # (T,) [s] instants at which errors are measured
     peak: Array  # (n_a,) [N m, N] for each motor the largest planned torque of motors of the same unit
-    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     control: MotorControl | None  # feedback of the motors, if the robot falls
     step_error: float = 0.0  # of integration steps [robot lengths]; set by the first simulation
     seconds: float = 0.0  # computing time of all simulations so far
@@ -126,12 +126,15 @@ class ReferenceMotion:
         )
 
     @property
-    def lost(self) -> float:
+    def max_error(self) -> float:
         """The platform error divided by the path's length at which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
-        """Yield the comparison of each level; levels with equal torques share a simulation.
+        """Yield the comparison of each level with the plan of the motion.
+
+        A level whose torques equal those of the level below, or of the plan, takes the errors from there and
+        is not simulated again.
 
         Args:
             motions: names and motions of the levels, the lowest first.
@@ -175,7 +178,7 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of the torques without dry friction, over their peaks."""
+        """Return the largest difference (T,) of two motions' torques without dry friction, over the peaks."""
         torque = motion.torque_without_friction(self.times)
         difference = torque - reference.torque_without_friction(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)
@@ -195,7 +198,7 @@ class ReferenceMotion:
             t = self.times[reached]
             platform_error[reached] = self._platform_distance(simulation.configuration(t), motion.platform(t))
             if simulation.occurrences:  # the event `lost` has ended the simulation
-                lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {end:.4g} s"
+                lost = f"{100 * self.max_error:.3g} % off its path, and lost, at t = {end:.4g} s"
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
             reason = f"no simulation: {failure}"
@@ -206,13 +209,13 @@ class ReferenceMotion:
     def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
         """Simulate the highest model under the torques of a level's motion, from rest.
 
-        The simulation ends when the platform's error reaches `lost`.
+        The simulation ends when the platform's error reaches `max_error`: the event "lost".
         """
 
         def remaining_distance(t: float, q: Array, v: Array) -> float:
-            """Return `lost` less the platform's error; zero ends the simulation."""
+            """Return `max_error` less the platform's error; zero ends the simulation."""
             planned = motion.platform(np.array([min(t, motion.duration)]))
-            return float(self.lost - self._platform_distance(q[None], planned)[0])
+            return float(self.max_error - self._platform_distance(q[None], planned)[0])
 
         robot, plan = self.highest, self.plan
         has_same_springs = plan.robot.elastic_names == robot.elastic_names

@@ -76,7 +76,11 @@ class ChosenLevel(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The level and the evidence, in a sentence."""
+        """The level, the allowed error in per cent, and the evidence, in a sentence.
+
+        The scene of a robot file states ("keeps") a level that was found by simulation. No error is known for
+        the highest ("fullest") level, which is chosen where the errors of all others exceed the tolerance.
+        """
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
             return f"{self.level} is enough for {percent}, as the scene keeps"
@@ -115,9 +119,13 @@ def predict_level(
 
 
 def predict_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
-    """Compute the indicators of a motion; options as for `predict_level`.
+    """Compute the indicators of a motion: the estimated error of each level.
 
     Without a plan of the rigid robot the errors of all levels but the highest are infinite.
+
+    Args:
+        path: path to follow, or the name of a scene.
+        options: options of `plan_crossing` except geometry, since each level has its own.
 
     Raises:
         InvalidInput: an option is invalid.
@@ -217,7 +225,7 @@ def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
 
     A robot falls where weight or the motors' torques drive the platform off its path
     (`open_loop.fall_exponent`). The motors have feedback only if it falls for more than MAX_FALL time
-    constants.
+    constants; otherwise the feedback is None.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
@@ -320,7 +328,7 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
 
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Interpolate the matrices of the platform's error dynamics at t (T,) [s].
+    """Interpolate the matrices of the platform's error dynamics in a rigid robot's motion at t (T,) [s].
 
     They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
     """

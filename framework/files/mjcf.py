@@ -89,13 +89,13 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 
 
 def convert_to_qpos(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Convert q (nq,) to MuJoCo's qpos.
+    """Convert the configuration q (nq,) of a model to MuJoCo's qpos.
 
     MuJoCo's quaternions are (w, x, y, z), pinocchio's are (x, y, z, w). With `hinges`, hinges replace each
     ball, and they are zero.
     """
     parts = []
-    for joint in list(model.joints)[1:]:
+    for joint in list(model.joints)[1:]:  # the first is pinocchio's universe
         part = q[joint.idx_q : joint.idx_q + joint.nq]
         if is_ball(joint):
             part = np.zeros(3) if hinges else np.roll(part, 1)
@@ -109,7 +109,7 @@ def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def _add_motors(robot: ParallelRobot, root: Element) -> None:
-    """Add an actuator for each motor, controlled by the motor torque [N m]."""
+    """Add an actuator for each motor, controlled by the motor torque [N m], and the speed limits."""
     actuator = SubElement(root, "actuator")
     speed_limits = Element("custom")
     for motor in robot.description.actuators:
@@ -292,7 +292,8 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
     """Choose the first axes in OFF_ORIGIN that include a closure's axes and lock no motion.
 
-    An equality may lock further axes if its residual is zero in all `poses` (K, nq) of the robot.
+    An equality may lock further axes if its residual is zero in all `poses` (K, nq) of the robot, as the
+    robot then does not move along these axes.
 
     Raises:
         InvalidInput: there are none; the message has the axes along which the closure moves.
@@ -307,7 +308,8 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
         scale = np.where(rows.rotation, 1.0, robot.length)
         residual = loop_equations(rows, placements).residual / scale  # (K, m) [rad, robot lengths]
         gaps[axes] = float(np.abs(residual).max(initial=0.0))
-        if gaps[axes] <= LOOP_GAP:  # poses are NEARBY_DISTANCE apart; motion along an axis leaves its square
+        # the poses are NEARBY_DISTANCE apart: motion along an axis opens a gap of at least its square
+        if gaps[axes] <= LOOP_GAP:
             return axes
 
     nearest = min(gaps, key=gaps.__getitem__, default=())

@@ -20,7 +20,7 @@ from framework.planning.result import CrossingPlan
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
 SAMPLE_RANGE, DEFAULT_SAMPLES = (2, 1_000_000), 501
-NANOSECONDS = 1_000_000_000
+NANOSECONDS = 1_000_000_000  # in a second
 SIDES = {
     "joint": "joint side of the gears: position = motor angle / gear ratio, "
     "effort = motor torque * gear ratio",

@@ -214,6 +214,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     if middle in taken or f"{middle}_link" in taken:
         raise InvalidInput(f"tip: the name {middle!r} is already there")
 
+    # the middle of the beam, with x along the beam
     parent = joint.find("parent")
     tip_placement = read_origin(joint, f"joint {tip!r}")
     span = tip_placement[:3, 3]
@@ -222,6 +223,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     to_middle = placement(_section_axes(span / length, y), 0.5 * span)
 
+    # the new joint leads from the link to the middle, and `tip` from there to the tip
     root.append(Element("link", name=f"{middle}_link"))
     middle_joint = NewJoint(middle, "fixed", to_middle)
     root.append(joint_element(middle_joint, parent.get("link", ""), f"{middle}_link"))

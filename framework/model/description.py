@@ -56,9 +56,10 @@ def locked_axes(kind: str, axis: str = "z") -> Names:
     """
     check_name("kind", "closure kind", kind, _LOCKED)
     check_name("axis", "closure axis", axis, tuple("xyz"))
-    permutation = str.maketrans("xyz", {"x": "yzx", "y": "zxy", "z": "xyz"}[axis])
+    permuted = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # the axes that x, y, z become
+    permutation = str.maketrans("xyz", permuted)
     rows = [row.translate(permutation) if row in AXES else row for row in _LOCKED[kind]]
-    return tuple(sorted(rows, key=[*AXES, *rows].index))
+    return tuple(sorted(rows, key=[*AXES, *rows].index))  # in the order of AXES, others last
 
 
 def kinds_with_length() -> Names:
@@ -94,7 +95,7 @@ class Actuator:
     joint: str
     gear_ratio: float = 1.0
     rotor_inertia: float = 0.0
-    torque_limit: float | None = None
+    torque_limit: float | None = None  # None: no limit
     speed_limit: float | None = None
 
 
@@ -115,7 +116,8 @@ class Closure:
         valid = set().union(*_LOCKED.values())
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
-        if (set(self.axes) <= set(AXES)) != (self.length is None):
+        needs_length = not set(self.axes) <= set(AXES)
+        if needs_length == (self.length is None):
             raise RobotFileError(
                 f"closure {self.name}: a length goes with rows such as distance, and with no others, "
                 f"got axes {list(self.axes)} and length {self.length}"

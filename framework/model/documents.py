@@ -243,7 +243,7 @@ def child_element(element: Element, where: str, tag: str) -> Element:
 
 
 def attribute(element: Element, where: str, key: str) -> str:
-    """Return an attribute; raise RobotFileError if missing or empty."""
+    """Return the attribute `key` of an element; raise RobotFileError if missing or empty."""
     value = element.get(key)
     if not value:
         keys = ", ".join(element.attrib) or "nothing"

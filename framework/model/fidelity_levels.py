@@ -48,10 +48,12 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     """Return the robot with mass in no body, in the payload or in all.
 
-    Which of them, `bodies` says: "none", "payload" or "all". The payload is the inertia of the platform's
-    link. If that link has no inertia of its own, the payload is the moving body that carries the platform's
-    frame, as in `control.variation`. A robot without any mass has no joint dynamics either: only its rotors
-    cause forces.
+    The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
+    the moving body that carries the platform's frame. A robot without any mass has no joint dynamics either:
+    only its rotors cause forces.
+
+    Args:
+        bodies: that have mass: "none", "payload" or "all".
     """
     if bodies == "all":
         return description

@@ -171,7 +171,7 @@ def loop_rows(
     # each row has the fields of LoopRows in their order: name, two frames, those of _RowProduct, and those of
     # couplings from `coupled` to `offset`
     rows: list[tuple[Any, ...]] = []
-    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)
+    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # coupled, columns, places, ratio, offset
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
         for axis in closure.axes:
@@ -181,7 +181,7 @@ def loop_rows(
         product = _RowProduct(rotation=coupling.turns, second_axis=1, weight=0.0)
         joints = coupling.columns, coupling.places
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, *joints, coupling.ratio, coupling.offset))
-    names, *columns = zip(*rows, strict=True)
+    names, *columns = zip(*rows, strict=True)  # a column for each field
     arrays: Iterator[Any] = map(np.array, columns)
     return LoopRows(names, *arrays)
 
@@ -189,16 +189,19 @@ def loop_rows(
 class _RowProduct(NamedTuple):
     """The product of one row: fields of `LoopRows`, in the same order."""
 
-    square: bool = False
-    rotation: bool = False
-    first_axis: int = 0
-    second_axis: int = 0
-    weight: float = 1.0
-    constant: float = 0.0
+    square: bool = False  # whether it is d.d
+    rotation: bool = False  # whether it is u.w
+    first_axis: int = 0  # 0..2, of u
+    second_axis: int = 0  # 0..2, of w
+    weight: float = 1.0  # factor of the product
+    constant: float = 0.0  # which is subtracted
 
 
 def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
-    """Return the product that locks one axis of a closure: of AXES, or a kind in ROW_KINDS."""
+    """Return the product that locks one axis of a closure.
+
+    The axis is x, y, z (a translation), rx, ry, rz (a rotation), or a kind in ROW_KINDS.
+    """
     if closure.length is not None and axis in ROW_KINDS:
         kind = ROW_KINDS[axis]
         weight_and_constant = kind.coefficients(closure.length)
@@ -206,7 +209,7 @@ def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
     k = "xyz".index(axis[-1])
     if axis.startswith("r"):
         return _perpendicular_axes(k, closure)
-    return _RowProduct(first_axis=k)
+    return _RowProduct(first_axis=k)  # u.d = 0
 
 
 def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:

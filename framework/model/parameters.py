@@ -20,7 +20,7 @@ from framework.errors import InvalidInput, RobotFileError, check_name, short
 from framework.model.documents import parse_yaml
 from framework.numerics.fields import number
 
-PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
+PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")  # group 1: the expression
 MAX_EXPRESSION_CHARACTERS = 200
 _OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,

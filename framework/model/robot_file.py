@@ -108,7 +108,10 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints; arguments as of `_merge_joint_springs`."""
+    """Drop the couplings, springs and entries of locked joints.
+
+    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
+    """
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
@@ -146,7 +149,7 @@ def _read_urdf(
     read_frames = list_of(added_frame_reader(read_tree(root)))
     for frame in read_frames("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
-        add_frame(root, origin=origin, **frame)
+        add_frame(root, origin=origin, **frame)  # `frame` has the other arguments
     with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
         return tostring(root, encoding="unicode"), root, read_tree(root)
 

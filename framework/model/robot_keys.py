@@ -195,7 +195,7 @@ def _closure_reader(urdf: Tree) -> Reader[Closure]:
     def read(where: str, given: Any) -> Closure:
         """Read a kind with its axis or length, or locked axes."""
         content = mapping(where, given)
-        if ("kind" in content) == ("axes" in content):
+        if ("kind" in content) == ("axes" in content):  # both or neither
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
             values = read_table(where, given, table | {"axes": required(_read_axes)})
@@ -241,7 +241,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
 
 
 # values of JointDynamics, None if not given
-_JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
+_DYNAMICS_TABLE: Table = {"rest": optional(number)} | dict.fromkeys(
     ("armature", "damping", "friction", "stiffness"), optional(not_negative)
 )
 
@@ -256,7 +256,7 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
         An entry under the name of a ball is for its three coordinates; the values of an entry for one of
         these coordinates override it.
         """
-        stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
+        stated = mapping_of(record(_DYNAMICS_TABLE), one_of("joint", [*names, *whole_joints]))(where, given)
         values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
         for name in sorted(stated, key=lambda name: name not in whole_joints):
@@ -334,7 +334,7 @@ PATHS: Table = {  # one of the kinds, see `select_path`
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
-_MOTION: Table = {
+_SCENE_TABLE: Table = {
     **PATHS,
     "duration": optional(positive),
     "optimize": optional(one_of("goal", GOALS)),
@@ -370,7 +370,7 @@ def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, floa
     if len(points) < least or (len(points) > least and not may_have_more):
         count = f"at least {least}" if may_have_more else least
         raise InvalidInput(f"{where}.{kind}: needs {count} points, got {len(points)}")
-    if (paths["blend"] is None) == (kind == "polyline"):
+    if (paths["blend"] is None) == (kind == "polyline"):  # a polyline without it, or another path with it
         raise InvalidInput(f"{where}.blend: belongs to a polyline, which needs one [m], and to no other path")
     return kind, points, paths["blend"]
 
@@ -399,7 +399,7 @@ def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
 
 def _scenes_reader(urdf: Tree) -> Reader[dict[str, Scene]]:
     """Return a reader of scenes by name."""
-    scene = {**_MOTION, "wrenches": optional(_wrenches_reader(urdf))}
+    scene = {**_SCENE_TABLE, "wrenches": optional(_wrenches_reader(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
         """Read each scene, and give the scene its name."""

@@ -32,7 +32,7 @@ from framework.model.urdf_elements import (
 )
 from framework.numerics.arrays import Array
 
-GROUND = "ground"
+GROUND = "ground"  # the root link of a robot whose file frees the root
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # the children that pinocchio reads, by tag and by type of joint
 _READ_PARTS = {
@@ -245,7 +245,7 @@ def _copy_read_parts(element: Element) -> Element:
             copy.set(key, vector_text(map(float, copy.attrib[key].split())))
     kind = element.get("type", "") if element.tag == "joint" else element.tag  # key of _READ_PARTS
     for tag in _READ_PARTS.get(kind, ()):
-        copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))
+        copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))  # pinocchio reads the first of a tag
     return copy
 
 
@@ -283,7 +283,7 @@ def insert_springs(root: Element, springs: Sequence[Spring]) -> None:
             link = virtual_link_name(motion.name)
             SubElement(root, "link", name=link)
             joint = joint_element(motion, link, end.get("link", ""))
-            end.set("link", link)
+            end.set("link", link)  # the last joint now leads to the massless link before the spring
             root.append(joint)
             last[spring.after] = joint
 

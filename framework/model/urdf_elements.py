@@ -127,6 +127,10 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     A path is relative to the folder. package://NAME/REST means share/NAME/REST in the files of the Python
     distribution NAME or, failing that, under the prefix of this interpreter, where conda installs.
 
+    Args:
+        folder: of the robot file.
+        reference: path, or package://NAME/REST.
+
     Raises:
         MissingPackage: NAME is not installed.
         RobotFileError: NAME is installed and has no such file, or the reference names no file.
@@ -141,9 +145,9 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     shared = f"share/{package}/{rest}"
     prefix = Path(sysconfig.get_path("data"))
     try:
-        installed = files(package) or []
+        installed = files(package) or []  # all files of the distribution, if it lists them
     except PackageNotFoundError:
-        installed = None
+        installed = None  # no distribution of this name
     for file in installed or ():
         if f"/{file.as_posix()}".endswith(f"/{shared}"):
             return Path(str(file.locate()))
@@ -247,7 +251,7 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
     Args:
         element: the `<joint>`.
         links: names of all links.
-        impossible: receives the complaint about an impossible limit, as in `read_tree`.
+        impossible: receives the joint's name and the complaint about an impossible limit, which is removed.
 
     Raises:
         RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there
@@ -286,7 +290,10 @@ def add_endless_limit(joint: Element) -> Element:
 
 
 def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Refuse a <limit> without finite numbers; if needed, also missing keys, wrong order and signs."""
+    """Refuse a joint's <limit> without finite numbers.
+
+    With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
+    """
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
         return
@@ -351,14 +358,14 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
     """
     entries = np.asarray(matrix, dtype=float)
-    size = float(np.abs(entries).max())
-    if size <= negligible:
+    largest_entry = float(np.abs(entries).max())
+    if largest_entry <= negligible:
         return
-    moments = np.linalg.eigvalsh(entries / size)  # ascending; scaled against overflow
+    moments = np.linalg.eigvalsh(entries / largest_entry)  # ascending; scaled against overflow
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
     if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
         with np.errstate(over="ignore"):
-            shown = ", ".join(f"{moment:.4g}" for moment in size * moments)
+            shown = ", ".join(f"{moment:.4g}" for moment in largest_entry * moments)
         raise RobotFileError(
             f"{where}: has the principal moments {shown} kg m^2, as no body has: none may be negative, none "
             f"above the sum of the other two"

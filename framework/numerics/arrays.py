@@ -24,7 +24,7 @@ def select(stack: Stack, which: Any) -> Stack:
 
     `which` is an index, a slice or a mask of the first axis.
     """
-    make: Any = type(stack)
+    make: Any = type(stack)  # the constructor of the named tuple
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 
 
@@ -36,7 +36,7 @@ def assign(stack: Stack, rows: Any, new: Stack) -> None:
 
 def join(stacks: Sequence[Stack]) -> Stack:
     """Concatenate one or more stacks, array by array."""
-    make: Any = type(stacks[0])
+    make: Any = type(stacks[0])  # the constructor of the named tuple
     parts = zip(*stacks, strict=True)
     return make(*(np.concatenate(part) if isinstance(part[0], np.ndarray) else join(part) for part in parts))
 

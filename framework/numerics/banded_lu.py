@@ -41,7 +41,11 @@ class DenseFactors:
         return solution.transpose(2, 0, 1).reshape(right.shape)
 
     def solve_transposed(self, right: Array) -> Array:
-        """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the transposed matrices.
+
+        Raises:
+            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
+        """
         return DenseFactors(self.matrices.transpose(0, 2, 1)).solve(right)
 
     @cached_property
@@ -116,15 +120,16 @@ class Band(ReadOnlyArrays):
         count = len(values)
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
-        columns = band.reshape(count * self.size, self.height).T
-        return BandFactors(self, values, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
+        storage = band.reshape(count * self.size, self.height).T  # (height, T k) with adjacent columns
+        lu, pivots, singular = dgbtrf(storage, self.lower, self.upper, overwrite_ab=1)
+        return BandFactors(self, values, lu, pivots, singular)
 
 
 @dataclass(frozen=True, eq=False)
 class BandFactors:
     """LU factors of T matrices (k, k)."""
 
-    band: Band
+    band: Band  # the positions of their entries
     values: Array  # (T, E) entries of the matrices
     lu: Array  # (height, T k) LU factors in LAPACK's storage
     pivots: IntArray  # (T k,)
@@ -140,12 +145,22 @@ class BandFactors:
         return self._solve(right, band.row_order, band.column_position, transposed=False)
 
     def solve_transposed(self, right: Array) -> Array:
-        """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the transposed matrices.
+
+        Raises:
+            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
+        """
         band = self.band
         return self._solve(right, band.column_order, band.row_position, transposed=True)
 
     def _solve(self, right: Array, order: IntArray, position: IntArray, *, transposed: bool) -> Array:
-        """Solve for right-hand sides put in `order`; return the unknowns taken from their `position`."""
+        """Solve the banded systems, or the transposed ones, for right-hand sides (..., T, k).
+
+        Args:
+            right: right-hand sides, in the order of the matrices.
+            order: (k,) index of the equation that each row of the band is.
+            position: (k,) row of the band's solution that each unknown is.
+        """
         from scipy.linalg.lapack import dgbtrs
 
         if self.singular:
@@ -160,7 +175,7 @@ class BandFactors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the absolute determinants, as of `DenseFactors`.
+        """Signs and logarithms of the absolute determinants, (T,) each; 0 and -inf where singular.
 
         The pivots of these factors decide which matrices are singular: rounding may differ in dense factors.
         """
@@ -171,10 +186,17 @@ class BandFactors:
 
 
 def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
-    """Order rows and columns (2 k,) of matrices (k, k) for a small bandwidth.
+    """Order the rows and columns of matrices (k, k) for a small bandwidth.
 
-    The matrices have entries at (row, column), (E,) each; `size` is k. Rows 0 .. k - 1 and columns
-    k .. 2 k - 1 are the nodes of a graph in which an entry connects its row and its column.
+    Rows and columns are the 2 k nodes of a graph, in which each entry connects its row with its column. The
+    graph's reverse Cuthill-McKee order mixes rows and columns; the caller takes the order of each from it.
+
+    Args:
+        row, column: position of each of the E entries, (E,) each.
+        size: k.
+
+    Returns:
+        The nodes (2 k,) in their order: rows are 0 .. k - 1, columns k .. 2 k - 1.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee

@@ -10,7 +10,13 @@ from framework.numerics.arrays import Array, IntArray
 
 
 def banded_rows(values: Array, columns: IntArray, count: int) -> Any:
-    """Return the sparse matrix (T R, count) of rows with `values` (T, R, W) in ascending columns (T, W)."""
+    """Return a sparse matrix (T R, count) whose rows have W entries each.
+
+    Args:
+        values: (T, R, W) entries of T groups of R rows.
+        columns: (T, W) ascending columns of the entries, the same for all rows of a group.
+        count: number of columns.
+    """
     from scipy.sparse import csr_array
 
     T, R, W = values.shape
@@ -32,19 +38,23 @@ class BandedFactor(NamedTuple):
     def factor_squares(rows: Any, added: float) -> BandedFactor:
         """Factor B'B + added I of rows B by Cholesky's method.
 
+        Rows with entries in the same columns form a group, whose products of entries are added at once.
+
         Args:
-            rows: as returned by `banded_rows`, with ascending first columns.
+            rows: B as `banded_rows` returns it, with ascending first columns.
+            added: number that is added to the diagonal of B'B.
         """
         from scipy.linalg import cholesky_banded
 
-        width = int(rows.indptr[1])
+        width = int(rows.indptr[1])  # W, the number of entries of a row
         entries = rows.data.reshape(-1, width)
         columns, first_rows = np.unique(rows.indices[::width], return_index=True)  # rows in the same columns
         groups = np.split(entries, first_rows[1:])
         products = np.stack([group.T @ group for group in groups])  # (groups, W, W)
         diagonals = np.zeros((width, rows.shape[1]))  # diagonal d below the main one in row d
         diagonals[0] = added
-        for k in range(width):  # no two groups share their k-th column
+        # entry (i, k) of a group's product, i >= k, is i - k below the diagonal, in the group's column k
+        for k in range(width):  # no two groups share their k-th column, so that += adds each product
             diagonals[: width - k, columns + k] += products[:, k:, k].T
         return BandedFactor(cholesky_banded(diagonals, lower=True, check_finite=False))
 

@@ -99,7 +99,7 @@ def multiply(first: Array, second: Array) -> Array:
     """Return coefficients (k, m + n + 1, ...) of the products of polynomials on k cells.
 
     The factors have degrees m and n and coefficients `first` (k, m + 1, ...) and `second` (k, n + 1, ...).
-    The product has the coefficients c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
+    With the weights w of `product_weights`, the product has c_j = sum over a, b of w_jab first_a second_b.
     """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.einsum("jab,ka...,kb...->kj...", weights, first, second)

@@ -91,8 +91,9 @@ def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
     The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
-    a law through one crossing. Roots that rounding moves off the real axis or beyond an end, within
-    SAME_PLACE, are accepted.
+    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
+    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
+    double root by its square root.
     """
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
@@ -107,7 +108,9 @@ def real_roots(series: Array) -> Array:
 def _constant_dominates(sizes: Array) -> bool:
     """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
 
-    `sizes` (degree + 1,) are the |c_k|. In the region in which roots are accepted, |T_k| is at most base^k.
+    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
+    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
+    SAME_PLACE^(1/2) off the real axis.
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
@@ -117,8 +120,11 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
     """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
 
     The larger root is computed without cancellation, the other root from the product of both.
+
+    Args:
+        series: c (3,).
     """
-    middle = -0.25 * series[1] / series[2]
+    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
     product = 0.5 * (series[0] / series[2] - 1.0)
     half_difference = np.sqrt(complex(middle**2 - product))
     larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
@@ -133,8 +139,8 @@ def _all_roots(series: Array) -> NDArray[Any]:
     and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     degree = len(series) - 1
-    weights = np.full(degree, 0.5)
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
     ratios = series[:degree] / series[degree]
     matrix = _colleague_matrix(degree).copy()
     matrix[:, 0] -= (ratios * weights)[::-1]
@@ -170,7 +176,7 @@ class TimeFunction(ReadOnlyArrays):
         if len(self.edges) == 2:
             values = self._evaluate_panel(0, flat, order)
         else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,)
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
             values = np.empty((flat.size, self.coefficients.shape[2]))
             for p in np.unique(panel) if values.size else ():
                 inside = panel == p
@@ -267,9 +273,12 @@ class TimeGrid(ReadOnlyArrays):
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
         """Return the grid whose nodes are farthest from `instants` (k,) [s].
 
-        The panels are between `edges` (panels + 1,) [s]. Candidates have `size` to `size` + 5 nodes on each
-        panel. Distances are compared relative to the mean
-        distance between nodes. A node at the instant of a crossing would divide 0 by 0.
+        A node at the instant of a crossing would divide 0 by 0. Candidates have `size` to `size` + 5 nodes on
+        each panel. Distances from the instants are compared relative to the mean distance between nodes.
+
+        Args:
+            edges: ends of the panels (panels + 1,) [s].
+            size: least number of nodes on each panel.
         """
         best_size = size
         best_distance = -1.0

@@ -168,7 +168,7 @@ def _count_rows(functions: Sequence[AffineRows]) -> int:
 
 
 def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) -> Affine:
-    """Return groups of rows as one affine function (m,) of all unknowns.
+    """Return groups of rows as one affine function (m,) of all unknowns of a program.
 
     Each group is a list of members with equally many rows. The result lists the first row of every member of
     the group, then the second row of every member, and so on, so that the rows of one second-order cone are
@@ -185,7 +185,8 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
             for name, matrix in rows.parts.items():
                 part = matrix.tocoo()
                 row = group_start + len(members) * part.row + k
-                entries.append((part.data, row, program.columns[name].start + part.col))
+                column = program.columns[name].start + part.col
+                entries.append((part.data, row, column))
         group_start += len(offsets[-1])
     data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))
     shape = (group_start, sum(program.sizes.values()))
@@ -238,7 +239,13 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
 
 
 def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
-    """Return settings with a regularization of linear systems and refinements of their solutions."""
+    """Return settings for cone programs.
+
+    Args:
+        regularization: of the solver's linear systems.
+        refinements: number of refinements of their solutions.
+        tolerance: of gap and residual; a stalled solution may exceed it by STALLED_RATIO.
+    """
     settings = _settings()
     settings.max_iter = MAX_ITERATIONS
     settings.iterative_refinement_enable = refinements > 0

@@ -20,15 +20,15 @@ from framework.errors import InvalidInput, RobotFileError, check_name, choose_fr
 
 LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers overflow
 T = TypeVar("T")
-Reader = Callable[[str, Any], T]
+Reader = Callable[[str, Any], T]  # (where, raw) -> typed value
 
 
 class Field(NamedTuple):
     """The reader of a key's value, and its default."""
 
     read: Reader[Any]
-    default: Any = None
-    required: bool = False
+    default: Any = None  # value of a key that is left out
+    required: bool = False  # whether the key must be given
 
 
 optional = Field  # declares a key that may be left out

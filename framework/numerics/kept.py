@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from framework.numerics.output import written_together
 from framework.numerics.tasks import iterate_results
 
-PREFIX = ".crossing-kept-"
+PREFIX = ".crossing-kept-"  # of names of stores
 WHY = "why"  # name of the column with the reasons for rows without numbers
 Arrays = Mapping[str, NDArray[Any]]
 K = TypeVar("K")

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from framework.numerics.arrays import Array
 
-# indices of factors: a x b is the difference of the first and the last three products a[_FIRST] b[_SECOND]
-_FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
-SMALL_STACK = 300  # numbers in both arguments, below which the calls of numpy take most of the time
+# the indices of both factors in the six products of a cross product: (a x b)_1 = a_2 b_3 - a_3 b_2 and so on;
+# the first three products have the sign +, the last three -
+_INDICES_IN_A, _INDICES_IN_B = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+SMALL_STACK = 300  # numbers in both arguments together, below which numpy's calls take most of the time
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -53,12 +54,12 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); infinite where singular."""
+    """Solve systems `matrix` (R, n, n) for right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:
         return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
+    except np.linalg.LinAlgError:  # one singular matrix fails the whole stack
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
 
 
@@ -76,7 +77,10 @@ def singular_values(matrices: NDArray[Any]) -> Array:
 
 
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular."""
+    """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular.
+
+    The solution of least squares is the shortest of those with the least residual.
+    """
     try:
         return np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
@@ -88,8 +92,8 @@ def cross(a: Array, b: Array) -> Array:
 
     Several times faster than np.cross for small stacks.
     """
-    if a.size + b.size < SMALL_STACK:
-        products = a.take(_FIRST, -1) * b.take(_SECOND, -1)
+    if a.size + b.size < SMALL_STACK:  # as few calls of numpy as possible
+        products = a.take(_INDICES_IN_A, axis=-1) * b.take(_INDICES_IN_B, axis=-1)  # (..., 6)
         return products[..., :3] - products[..., 3:]
     a1, a2, a3 = np.moveaxis(a, -1, 0)
     b1, b2, b3 = np.moveaxis(b, -1, 0)

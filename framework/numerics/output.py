@@ -19,6 +19,7 @@ from framework.errors import InvalidInput, OutputError
 from framework.numerics.input import read_text
 from framework.numerics.interruption import defer_signals
 
+# those on which the last bit of results depends
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 Document = dict[str, Any]  # a JSON object, or what becomes one
@@ -64,6 +65,7 @@ def written_together(
                 _check_overwritten(folder, [document], document, complaint)
             yield temporary
 
+            # the block has ended without an error: its files replace older ones
             files = sorted(temporary.iterdir())
             names = [written.name for written in files]
             _check_overwritten(folder, names, document, complaint)
@@ -86,7 +88,7 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
     Args:
         folder: where the files are to be.
         names: of the files.
-        document: of these, the one that marks the others as files of this program, see `written_together`.
+        document: name of the JSON file that marks the others as files of this program; None overwrites any.
         complaint: beginning of the message.
 
     Raises:

@@ -154,11 +154,11 @@ def _facet_normals(generators: Array) -> list[Array]:
 
 def _remove_repeated(points: Array) -> Array:
     """Remove points (k, n) that repeat others up to rounding; keep the order."""
-    size = np.abs(points).max(initial=0.0)
-    if not size:
+    largest = np.abs(points).max(initial=0.0)  # coordinate
+    if not largest:
         return points[:1]
     # points that agree to nine digits of the largest coordinate are equal; + 0.0 turns -0.0 into 0.0
-    rounded = np.round(points / size, 9) + 0.0
+    rounded = np.round(points / largest, 9) + 0.0
     _, first_occurrences = np.unique(rounded, axis=0, return_index=True)
     return points[np.sort(first_occurrences)]
 
@@ -168,7 +168,7 @@ def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
 
     The half-spaces are normals (h, n) y <= offsets (h,).
     """
-    size = np.abs(offsets).max(initial=0.0)
-    touches = points @ normals.T >= offsets - SAME_PLACE * size  # (k, h)
+    rounding = SAME_PLACE * np.abs(offsets).max(initial=0.0)
+    touches = points @ normals.T >= offsets - rounding  # (k, h)
     ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]
     return points[np.array(ranks) == points.shape[1]]

@@ -46,12 +46,13 @@ def rotation_vector(rotation: Array) -> Array:
     """Compute rotation vectors (T, 3) of rotations R (T, 3, 3); NaN where R is not finite.
 
     R - R' is the matrix of the cross product with 2 sin(t) axis, and the trace is 1 + 2 cos(t). From 120
-    degrees on R - R' loses digits, and scipy's conversion is used.
+    degrees on, where the trace is not positive, R - R' loses digits, and scipy's conversion is used.
     """
     trace = np.trace(rotation, axis1=1, axis2=2)
-    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) axis
+    # 2 sin(t) axis: the entries (3, 2), (1, 3) and (2, 1) of R - R'
+    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
-    vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]
+    vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]  # sin(t) axis over sin(t) / t
     wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
     if len(wide):
         from scipy.spatial.transform import Rotation

@@ -26,17 +26,23 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
     derivative of the last `order` of these steps replaces the shares by their slopes, times p.
 
     Args:
+        knots: t, ascending.
+        degree: of the splines.
         intervals: (T,) indices k with t_k <= x <= t_(k+1).
+        x: (T,) points.
+        order: of the derivative.
     """
     values = np.ones((len(x), 1))
     for p in range(1, degree + 1):
-        start = knots[intervals[:, None] + np.arange(1 - p, 1)]  # (T, p), of the splines of degree p - 1
+        # (T, p) first and last knots of the splines of degree p - 1 that are not zero at x
+        start = knots[intervals[:, None] + np.arange(1 - p, 1)]
         end = knots[intervals[:, None] + np.arange(1, p + 1)]
+        # a spline of degree p - 1 contributes to the p-th splines of the same index and of the one before
         if p <= degree - order:
-            to_next = (x[:, None] - start) / (end - start)
-            to_previous = 1.0 - to_next
-        else:
-            to_next = p / (end - start)
-            to_previous = -to_next
-        values = np.pad(values * to_previous, ((0, 0), (0, 1))) + np.pad(values * to_next, ((0, 0), (1, 0)))
+            to_same = (x[:, None] - start) / (end - start)
+            to_previous = 1.0 - to_same
+        else:  # derivatives of both shares
+            to_same = p / (end - start)
+            to_previous = -to_same
+        values = np.pad(values * to_previous, ((0, 0), (0, 1))) + np.pad(values * to_same, ((0, 0), (1, 0)))
     return values

@@ -141,7 +141,7 @@ class Workers(Executor):
         return self._threads.submit(self._call_in_worker, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more tasks; wait for accepted tasks, or drop tasks that have not begun."""
+        """Accept no more tasks; wait for accepted tasks, or drop tasks that have not begun; end processes."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while self._idle:
             self._end_process(self._idle.pop())

@@ -26,9 +26,9 @@ class SearchEnded(NoAnswer):
 
 @dataclass
 class SearchTime:
-    """The time limit of a search [s]."""
+    """The time limit of a search."""
 
-    seconds: float
+    seconds: float  # [s] from the start of the search
     end: float  # on the clock of `time.monotonic` [s]
     on_result: Callable[[], object]  # called at the first result
     has_result: bool = False  # whether the search may end early

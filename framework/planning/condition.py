@@ -62,11 +62,11 @@ class Condition8(NamedTuple):
 
 
 class Deflection(NamedTuple):
-    """The deflections [m, rad] and their first two time derivatives at one instant, each (n_e,)."""
+    """The deflections and their first two time derivatives at one instant."""
 
-    value: Array
-    rate: Array
-    acceleration: Array
+    value: Array  # (n_e,) [m, rad]
+    rate: Array  # (n_e,) [m/s, rad/s]
+    acceleration: Array  # (n_e,) [m/s^2, rad/s^2]
 
     @staticmethod
     def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:
@@ -121,7 +121,7 @@ def crossing_point(
     if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
         return undeformed_crossing(singular)
     robot = branch.robot
-    spring_step = np.zeros((1, robot.nv))
+    spring_step = np.zeros((1, robot.nv))  # from springs at rest to the deflections
     spring_step[:, robot.elastic] = deflection.value
 
     def close(s: Array) -> ClosedStack:
@@ -141,13 +141,13 @@ def crossing_point(
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the crossing point that the user imposes at s.
+    """Return the point at s where the user imposes condition (8).
 
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
     """
     closed = branch.close(s)
-    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)
+    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)  # kind of singularity
     return _orient_along_path(branch, s, closed, twist, motion, kind)
 
 
@@ -158,8 +158,9 @@ def _orient_along_path(
 
     Args:
         closed: the one pose at s.
-        twist, motion: t_s (n,) and its joint rates (nv,), of either sign.
-        kind: of the singularity.
+        twist: t_s (n,), of either sign.
+        motion: joint rates (nv,) of t_s, of the same sign.
+        kind: of the singularity, as a field of `CrossingPoint`.
     """
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
@@ -167,6 +168,10 @@ def _orient_along_path(
 
 def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8); refuse a condition that s" cannot meet.
+
+    Args:
+        crossing: the point at which the condition holds.
+        deflection: deflections at the crossing; None for springs at rest.
 
     Raises:
         NoLaw: s" has no effect on t_s . W_p, so that no law can meet the condition.
@@ -214,6 +219,10 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
         beta:  inertia at s' = 1
         gamma: weight and external wrenches at rest, and inertia and damping while only deflections change
         delta: damping at s' = 1, and the inertial forces that are bilinear in s' and the deflection rates
+
+    Args:
+        crossing: the point at which the condition holds.
+        deflection: deflections at the crossing; None for springs at rest.
     """
     robot = branch.robot
     deflection = deflection if robot.n_e else None
@@ -224,15 +233,16 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     motion = _probe_motions(branch, crossing, linearised, deflection, probe_speed)
     rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static, probe_speed)
     values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
-    values[2:] += elastic_terms.sum(axis=1)  # of gamma and delta
+    values[2:] += elastic_terms.sum(axis=1)  # adds the terms of moving springs to gamma and delta
 
-    # a coefficient that is small against the sizes of its terms is rounding
+    # a coefficient that is small against the sum of the sizes of its terms is rounding
     largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
-    sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(rigid_terms).sum(axis=1))
-    sizes[2:] += np.abs(elastic_terms).sum(axis=1)
+    sums = np.abs(rigid_terms).sum(axis=1)
+    term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), sums)
+    term_sizes[2:] += np.abs(elastic_terms).sum(axis=1)
     # stiff springs add small terms, which are not rounding as long as s" has an effect
-    if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
-        values = remove_rounding(values, sizes, 0)
+    if deflection is None or not abs(values[0]) > NO_HOLD * term_sizes[0]:
+        values = remove_rounding(values, term_sizes, alpha_index=0)
     return Condition8(*values.tolist())
 
 
@@ -277,6 +287,11 @@ def _probe_motions(
     2        0    0             with the rates and accelerations of the deflections
     3        0    probe_speed   with the rates of the deflections
     4        0    -probe_speed  with the rates of the deflections
+
+    Args:
+        linearised: loop equations of the one pose at the crossing.
+        deflection: deflections at the crossing; None for springs at rest.
+        probe_speed: s' [1/s] that `_matching_speed` chooses.
     """
     robot = branch.robot
     accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])  # s"
@@ -291,19 +306,20 @@ def _probe_motions(
     return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
 
 
-def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
+def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array:
     """Set coefficients (k,) of condition (8) that are no larger than rounding to zero.
 
     Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
     a larger share of their terms.
 
     Args:
-        sizes: sums (k,) of the absolute values of each coefficient's terms.
-        alpha: index of the coefficient of s" among the k.
+        values: the coefficients (k,).
+        term_sizes: sums (k,) of the absolute values of each coefficient's terms.
+        alpha_index: index of the coefficient of s" among the k.
     """
-    alpha_has_effect = abs(values[alpha]) > NO_HOLD * sizes[alpha]
+    alpha_has_effect = abs(values[alpha_index]) > NO_HOLD * term_sizes[alpha_index]
     rounding = CONDITION_ROUNDING if alpha_has_effect else NO_HOLD
-    return np.where(np.abs(values) > rounding * sizes, values, 0.0)
+    return np.where(np.abs(values) > rounding * term_sizes, values, 0.0)
 
 
 def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
@@ -311,7 +327,8 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
 
     Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload
     on massless legs whose forces are all orthogonal to t_s. So these bounds let the mass of all bodies move
-    like the platform and, for beta, at the end of a joint of the robot's length.
+    like the platform and, for beta, at the end of a joint of the robot's length. The bound for delta is 0,
+    because the damping of a joint is one term, which cannot cancel.
 
     Args:
         crossing: the point of the path at which the condition holds.
@@ -324,7 +341,8 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
 
     load = robot.mass * np.linalg.norm(robot.model.gravity.linear)  # [N] weight and external wrenches
     for wrench in branch.wrenches.entries:
-        force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
+        force_and_moment = wrench(np.array([crossing.s])).reshape(2, 3)
+        force, moment = np.linalg.norm(force_and_moment, axis=1)
         load += force + moment / robot.length
     return escape * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
 
@@ -336,6 +354,10 @@ def _matching_speed(
 
     At this speed the difference of two motions that isolates their bilinear forces loses few digits. The
     speed is 1 if either moves no joint.
+
+    Args:
+        linearised: loop equations of the one pose at the crossing.
+        deflection: deflections at the crossing; None for springs at rest.
     """
     if deflection is None:
         return 1.0

@@ -39,7 +39,8 @@ class CrossingTime(NamedTuple):
 class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
-    crossing_points: those points, singular ones of the undeformed robot or imposed by the user.
+    searched: the path with its singular points, under the wrenches of the request.
+    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 
@@ -71,12 +72,15 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
     crossing conditions, and so for no points. Singular points that no law can cross are refused; imposed
     points are not checked. The result contains the external wrenches of the request.
 
+    Args:
+        searched: the path with its singular points, without wrenches.
+
     Raises:
         InvalidInput: the number of times or speeds is not that of the points.
         NoLaw, UncontrolledMotions: no law can cross one of the singular points.
     """
     searched = searched.under(request.external_wrenches)
-    times, speeds, imposed = request.times, request.speeds, request.at
+    times, speeds, imposed = request.times, request.speeds, request.at  # None where left open
     if imposed is None and times == ():
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
@@ -104,7 +108,8 @@ def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | 
     """
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
-    text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+    noun = "singular point" if len(points) == 1 else "singular points"
+    text = f"{len(points)} {noun} on the path"
     places = ", ".join(f"{point.s:.6g}" for point in points)
     return f"{text} at s = {places}" if points else text
 

@@ -31,7 +31,7 @@ LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Condition (8) of the undeformed robot at a singular point, and its geometric causes.
+    """Condition (8) of the undeformed robot at a singular point, and how t_s lies to weight and path.
 
     s: path coordinate of the singular point.
     condition: coefficients of condition (8) there.
@@ -90,9 +90,9 @@ class Feasibility:
 
     @property
     def pace(self) -> float | None:
-        """The duration (2 / |s"|)^(1/2) [s] of the path from rest at the constant s" required at s' = 0.
+        """The duration [s] of the whole path from rest at the constant s" that is required at s' = 0.
 
-        None where s" has no effect, or without weight.
+        It is (2 / |s"|)^(1/2), from 1 = |s"| t^2 / 2. None where s" has no effect, or without weight.
         """
         if self.acceleration is None or self.weightless:
             return None
@@ -165,7 +165,10 @@ class Feasibility:
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Compute condition (8) at a singular point, with its geometric causes.
+    """Compute condition (8) at a singular point, and how t_s lies to weight and path.
+
+    The result has two cosines that explain the coefficients: `weight_share`, between gravity and the velocity
+    of the centre of mass in the uncontrolled motion, and `tangent_share`, between the path's tangent and t_s.
 
     The result is None where several motions escape, so that one condition is not enough, and where the
     singularity is not of Type 2, so that the condition does not apply.
@@ -185,6 +188,7 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     return Feasibility(
         crossing.s,
         condition,
+        # lengths over the robot's length, as `_cosine` compares the second vector with rounding
         weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
         tangent_share=_cosine(tangent / robot.platform_scale, crossing.twist / robot.platform_scale),
         wrenches=bool(branch.wrenches.entries),
@@ -208,7 +212,11 @@ def _cosine(a: Array, b: Array) -> float:
 
 
 def is_crossable(searched: SearchedPath) -> bool:
-    """Return whether condition (8) admits a law at each singular point of a path."""
+    """Return whether condition (8) admits a law at each singular point of a searched path.
+
+    It admits none where several motions escape or the singularity is not of Type 2 (both without a
+    feasibility), where the path touches the locus or ends on it, and where no speed or acceleration meets it.
+    """
     return not any(
         feasibility is None
         or singular.contact == "tangential"
@@ -238,7 +246,7 @@ class OptimalDurations(NamedTuple):
         """The durations, in one line."""
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
-        if not self.shortest:
+        if not self.shortest:  # 0: there are no limits
             return "without limits laws of free shape have no shortest duration and no longest"
         return (
             f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "
@@ -249,8 +257,11 @@ class OptimalDurations(NamedTuple):
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
     """Compute the least duration of a law of free shape through all singular points.
 
-    The springs are at rest; limits and smoothness are those of the request. None if no law can cross, or if
-    the request asks for more smoothness than laws of free shape have.
+    The springs are at rest. Limits and smoothness are those of the request, whose duration and crossings are
+    left open. None if no law can cross, or if the request asks for more smoothness than such laws have.
+
+    Args:
+        searched: the path with its singular points.
     """
     from framework.planning.optimal.optimal_task import Task  # slow to import, and seldom needed
     from framework.planning.optimal.undeformed_law import find_undeformed_law

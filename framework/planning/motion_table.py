@@ -20,15 +20,15 @@ from framework.tolerances import SAME_PLACE
 RATES = ("", "/s", "/s2")  # suffixes of units, indexed by the order of the time derivative
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 DEFAULT_ROWS = 1501
-NamesAndUnits = tuple[Sequence[str], Sequence[str]]
+NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a quantity
 
 
 class Column(NamedTuple):
-    """The name of a column, in letters, digits and underscores, with its SI unit and description."""
+    """A column of motion.csv."""
 
-    name: str
-    unit: str
-    what: str
+    name: str  # of letters, digits and underscores
+    unit: str  # SI
+    what: str  # description of the quantity
 
 
 class MotionTable(NamedTuple):
@@ -89,9 +89,11 @@ def sample_times(duration: float, count: int, period: float | None = None) -> Ar
 def motion_table(
     dynamics: InverseDynamics, times: Array, columns: Sequence[str] | None = None
 ) -> MotionTable:
-    """Sample the motion at instants (T,) [s].
+    """Sample a motion.
 
     Args:
+        dynamics: the motion with its torques.
+        times: instants (T,) [s].
         columns: names of columns, or prefixes that several names share, such as torque; all by default.
 
     Raises:
@@ -172,8 +174,9 @@ def _quantity_columns(
     """Return a column for each component of a quantity or of its time derivative.
 
     Args:
-        prefix: of the columns' names.
+        prefix: beginning of the columns' names; the names of the components follow.
         names_and_units: of the components.
+        description: of all these columns.
         order: of the time derivative; the units are divided by s^order.
     """
     pairs = zip(*names_and_units, strict=True)
@@ -184,8 +187,9 @@ def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str)
     """Return the columns of the first and second time derivatives of a quantity.
 
     Args:
-        prefix, names_and_units: as for `_quantity_columns`.
-        description: of the quantity, beginning with `of`.
+        prefix: beginning of the columns' names, such as "motor" of "motor_velocity_NAME".
+        names_and_units: of the components of the quantity.
+        description: names the quantity behind "time derivative", as in "of the deflection".
     """
     derivative = f"time derivative {description}"
     return [

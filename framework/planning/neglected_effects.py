@@ -143,7 +143,12 @@ class ModelOnMotion:
     def of(
         cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
     ) -> ModelOnMotion:
-        """Search the path of a motion with another model of the robot, its joints with this friction.
+        """Search the path of a motion with another model of the robot.
+
+        Args:
+            dynamics: the motion.
+            robot: the other model.
+            friction: dry friction (nv,) [N m or N] of its joints; None without.
 
         Raises:
             NoAnswer: the model cannot follow the path.
@@ -186,7 +191,7 @@ class ModelOnMotion:
         """Compute the model's certified torques under the corrected law, without dry friction.
 
         Args:
-            geometry: "rigid" or "deformed", as for `inverse_dynamics`.
+            geometry: "rigid" for forces of the undeformed robot, "deformed" for those of the deflected one.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
@@ -221,6 +226,8 @@ class ModelOnMotion:
     def torque(self, evaluated: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N] of a pass at the nodes.
 
+        `evaluated` has the motion of the other model and its forces without friction.
+
         Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
         a pole from a jump. So the check for a pole uses a smooth friction, which equals the dry friction at
         the crossings: condition (8) contains it there.
@@ -235,11 +242,12 @@ class ModelOnMotion:
             raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
+        # rates over the joints' scales, so that one threshold tells motion from rest
         dry = self.friction * speed_signs(evaluated.motion.v / self.robot.column_scale)
         return self._torque_with_friction(evaluated, dry)
 
     def _smooth_signs(self) -> Array:
-        """Compute polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
+        """Evaluate polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
         from scipy.interpolate import KroghInterpolator  # takes time to import
 
         times = np.array([crossing.time for crossing in self.dynamics.crossings])
@@ -272,7 +280,7 @@ class ModelOnMotion:
         times = np.array([crossing.time for crossing in crossings])
         planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
         corrected = planned.copy()
-        for row, crossing in zip(corrected, crossings, strict=True):
+        for row, crossing in zip(corrected, crossings, strict=True):  # a row is a view of `corrected`
             row[:] = self._correct_crossing(crossing, row, deflections)
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
@@ -390,7 +398,8 @@ def _measure_effect(
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
     """Yield the effects of springs left rigid, and of geometry and inertia of active springs.
 
-    The fullest model measures them. It is made with the first number, whose effect then reports a failure.
+    The model with all springs measures them. It is made when the first effect is computed, so that a failure
+    to make it is reported with that effect.
     """
     robot, description = dynamics.robot, dynamics.robot.description
 
@@ -402,13 +411,17 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
     def torque_with(coordinates: Sequence[str]) -> Array:
-        """Compute torques (T, n_a) of the fullest model with deflections of more `coordinates`."""
+        """Compute torques (T, n_a) of the fullest model in which springs deflect as its forces ask.
+
+        `coordinates` are those of these springs. All others deflect as in the motion, or not at all.
+        """
         model = fullest()
         is_deflecting = np.isin(model.robot.elastic_names, coordinates)
+        # `caused`: the deflections that the forces of the first pass cause
         deflections = np.where(is_deflecting, model.first_pass.caused, model.known_deflections())
         return model.torque(model.compute_pass(deflections))
 
-    def left_rigid(coordinates: Sequence[str]) -> Array:
+    def torque_of_springs(coordinates: Sequence[str]) -> Array:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
         return torque_with(coordinates) - fullest().torque(fullest().first_pass)
 
@@ -421,7 +434,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
             names = _list_names([spring.name for spring in springs])
-            yield f"springs of {part}s left rigid ({names})", partial(left_rigid, coordinates)
+            yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
     if robot.n_e and dynamics.geometry == "rigid":
         yield "deformed geometry", lambda: torque_with(robot.elastic_names) - fullest().planned_torque
     if robot.n_e and not robot.elastic_inertia:
@@ -470,8 +483,8 @@ def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[Negl
     if not holding:
         return
     idle = robot.structure.idle
-    still_turns = np.setdiff1d(idle, driven_turns(robot))
-    columns = still_turns if len(still_turns) else idle  # of the coordinates that turn
+    still_turns = np.setdiff1d(idle, driven_turns(robot))  # balls with damping or armature drive the others
+    columns = still_turns if len(still_turns) else idle  # the coordinates to name
     names = _list_names([robot.coordinates.name_of(column) for column in columns])
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

@@ -93,7 +93,7 @@ def plan_request_with_modified_path(
         )
     try:
         return ModifiedPathPlan(plan_request(robot, request), 0.0, 0.0, 0.0)
-    except UncontrolledMotions:
+    except UncontrolledMotions:  # a NoLaw that no bend mends
         raise
     except NoLaw as refusal:
         proof = refusal.proof
@@ -117,15 +117,19 @@ class _Modification(NamedTuple):
     request: Request  # with the path that is to be bent
     s: Array  # (m,) path coordinates of the points of the bent spline
     unit_bend: Array  # (m, n) displacement of these points by the unit bend, zero at both ends
-    sizes: Array  # (n,) [m] length per unit of each platform coordinate
+    unit_lengths: Array  # (n,) [m] that count as one unit of each platform coordinate
     length: float  # [m] of the path
 
     def plan_bent(self, share: float) -> CrossingPlan | None:
-        """Plan on the path bent by a share of its length, whose sign is the side; None without a plan."""
+        """Plan on the bent path; return None without a plan.
+
+        Args:
+            share: the size of the bend divided by the path's length; the sign says to which side.
+        """
         points = self.request.path(self.s) + share * self.unit_bend
         try:
             request = replace(self.request, path=Spline(points))
-            return plan_request(self.robot, request, explained=False)
+            return plan_request(self.robot, request, explained=False)  # the refusal is not reported
         except (NoAnswer, InvalidInput):  # the latter if the bent path has another number of crossings
             return None
 
@@ -143,8 +147,8 @@ class _Modification(NamedTuple):
         share, plan = least
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
-            _least_bend, *larger_bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
-            for bend in larger_bends:
+            bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
+            for bend in bends[1:]:  # the first is the least sufficient one
                 larger = self.plan_bent(np.copysign(bend, share))
                 if larger is not None:
                     choices.append(BendChoice(bend, larger.peak_torque))
@@ -185,12 +189,15 @@ class _Modification(NamedTuple):
         is_translation = self.robot.translations
         distance = _largest_norm(change[:, is_translation])
         turn = _largest_norm(change[:, ~is_translation])
-        share = _largest_norm(change * self.sizes) / self.length
+        share = _largest_norm(change * self.unit_lengths) / self.length
         return ModifiedPathPlan(plan, distance, turn, share, choices)
 
 
 def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
-    """Return the bend at the crossing most orthogonal to t_s; None without room for a bend."""
+    """Return the bend at the crossing whose tangent is most orthogonal to t_s.
+
+    The result is None if every crossing is too close to an end of the path for a bend.
+    """
     path = request.path
     searched = search_path(robot, path)
     candidates = [
@@ -201,17 +208,21 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     if not candidates:
         return None
     feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
-    c = feasibility.s
+    c = feasibility.s  # the crossing
 
+    # d of this file's docstring: the coordinate rates (n,) that move the platform along t_s
     rate_matrix = robot.platform.rate_matrix(path(c)[None])[0]  # (n, n) twist per coordinate rate
-    direction = np.linalg.solve(rate_matrix, twist)  # d of this file's docstring
-    sizes, length = robot.length / robot.platform_scale, path_length(robot, path)
-    bump = _evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)
-    height = np.abs(bump).max() * np.linalg.norm(direction * sizes)  # [m] of b(s) d
+    direction = np.linalg.solve(rate_matrix, twist)
+
+    # the largest displacement [m] by the bend b(s) d, which the unit bend scales to the path's length
+    unit_lengths = robot.length / robot.platform_scale
+    bump_height = np.abs(_evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)).max()
+    largest = bump_height * np.linalg.norm(direction * unit_lengths)
+    length = path_length(robot, path)
 
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / height)
-    return _Modification(robot, request, s, unit_bend, sizes, length)
+    unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
+    return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
 def _choose_intervals(path: Path, c: float) -> int:
@@ -233,17 +244,18 @@ def _largest_norm(rows: Array) -> float:
 def _evaluate_bump(s: Array, c: float) -> Array:
     """Evaluate b(s) of this file's docstring for a crossing at c.
 
-    With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. With
-    c as the inflexion point before the peak, m solves (m - c)^2 (N - 1) = m (1 - m), or
+    With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. The
+    peak m follows from c: with c as the inflexion point before the peak, (m - c)^2 (N - 1) = m (1 - m), or
 
         N m^2 - 2 p m + (N - 1) c^2 = 0,        p = (N - 1) c + 1/2.
 
-    For c > 1/2 the bump of 1 - c is mirrored. In the middle both would do, and rounding must not choose.
+    For c > 1/2 the bump of 1 - c is mirrored. In the middle both would do. SAME_PLACE decides there, so that
+    rounding of c does not.
     """
     N = 10.0
     inflexion = min(c, 1.0 - c)
     p = inflexion * (N - 1) + 0.5
-    root = (p + np.sqrt(p**2 - N * (N - 1) * inflexion**2)) / N
+    root = (p + np.sqrt(p**2 - N * (N - 1) * inflexion**2)) / N  # the larger one: the peak is behind
     m = root if c <= 0.5 + SAME_PLACE else 1.0 - root
     rising = (s / m) ** (N * m)
     falling = ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))

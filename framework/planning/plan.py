@@ -91,7 +91,7 @@ def plan_request(
     searched: SearchedPath | None = None,
     explained: bool = True,
 ) -> CrossingPlan:
-    """Plan a request of this robot; see `plan_crossing`.
+    """Plan a request of this robot, as `plan_crossing` does with its options.
 
     Args:
         searched: the path with its singular points, if they have been located already.
@@ -188,6 +188,9 @@ def _plan_after_refusal(
 ) -> CrossingPlan:
     """Plan with the optimal law after a refusal of the polynomial.
 
+    Args:
+        refusal: of the polynomial.
+
     Raises:
         NoLaw, NotConverged: the optimal law is refused as well; the message has both reasons.
         UncontrolledMotions, SearchEnded: as for the optimal law.
@@ -204,16 +207,16 @@ def _plan_after_refusal(
         raise
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
-    except (NoLaw, NotConverged) as of_optimal:
-        both = f"{refusal}; nor does the optimal law help: {of_optimal}"
+    except (NoLaw, NotConverged) as optimal_refusal:
+        both = f"{refusal}; nor does the optimal law help: {optimal_refusal}"
         if isinstance(refusal, NotConverged):
             raise NotConverged(
                 both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
             ) from None
         raise NoLaw(
             both,
-            proof=refusal.proof or getattr(of_optimal, "proof", None),
-            evidence=getattr(of_optimal, "evidence", None),
+            proof=refusal.proof or getattr(optimal_refusal, "proof", None),
+            evidence=getattr(optimal_refusal, "evidence", None),
         ) from None
 
 
@@ -267,7 +270,7 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Return the near miss beside which a plan has its largest torque, if any.
+    """Return the one of the path's near misses beside which a plan has its largest torque, if any.
 
     Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 
@@ -358,7 +361,10 @@ def uncertified_law(
 
 
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute the `uncertified_law` of a request on a searched path.
+    """Compute the law of a request before its proof, and its crossings, as `uncertified_law` does.
+
+    Args:
+        searched: the path with its singular points.
 
     Raises:
         InvalidInput, NoAnswer: as `uncertified_law`.
@@ -398,6 +404,10 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
     optimal law is advised only if condition (8) admits a law. Advised limits and durations are those of a law
     that the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
+
+    Args:
+        refusal: of the request.
+        searched: the path with its singular points.
     """
     robot = searched.branch.robot
     if request.at is not None:  # imposed points: the proofs are about the located ones

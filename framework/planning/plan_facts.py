@@ -24,6 +24,7 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.type2 import moves_point
 from framework.tolerances import FILE_ROUNDING
 
+# Texts of facts. The fields {0....} are those of a crossing, a loaded point or the certificate of a plan.
 CROSSING = (
     "t = {0.time:.6g} s at s = {0.s:.15f}, {place}",
     "t_s = {twist}, s' = {0.speed:.6g} 1/s, s\" = {acceleration:.6g} 1/s2, |t_s . W_p| {0.residual:.1e} of "
@@ -77,8 +78,8 @@ def motion_facts(plan: CrossingPlan) -> list[Fact]:
     wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
     torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
     left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    proof, warnings = _proof_facts(plan), _warning_facts(plan)
-    return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
+    certificate, warnings = _certificate_summary(plan), _warning_facts(plan)
+    return [*wrenches, *_crossing_facts(plan), torque, *certificate, *left_out, *warnings]
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
@@ -142,7 +143,7 @@ def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
 
 
 def excess_facts(exceeded: Mapping[str, str]) -> list[Fact]:
-    """Return warnings about joints that exceed their limits; `exceeded` as of `CrossingPlan`."""
+    """Return a warning for each joint that exceeds limits; `exceeded` says by how much, by joint."""
     return [Fact("warning", f"{joint} exceeds its limits: {excess}") for joint, excess in exceeded.items()]
 
 
@@ -179,8 +180,12 @@ def certificate_facts(plan: CrossingPlan) -> list[Fact]:
     return facts
 
 
-def _proof_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the certificate as one fact, with idle turns and rounded loops if any."""
+def _certificate_summary(plan: CrossingPlan) -> list[Fact]:
+    """Return the certificate as one fact, and facts about idle turns and rounded loops if any.
+
+    Nothing holds an idle turn against the torque `max_held_torque` that the motion would need there. Rounded
+    loops are redundant loop equations that rounded data leave open by `rounded_gap`.
+    """
     certificate = plan.certificate
     facts = [Fact("certificate", join_facts(certificate_facts(plan)))]
     if certificate.max_held_torque:

@@ -59,7 +59,7 @@ def plan_study(
         parameters: values of each parameter, by name.
         quantities: functions by name, each of which computes a number of a plan; executors of processes need
             functions that can be pickled.
-        flexibility: which springs of the robot exist, as for `load_robot`.
+        flexibility: which springs of the robot exist: "rigid" (none), "flexible_joints" or "flexible_links".
         executor: makes the plans, by default in this process; `numerics.tasks.executor_of` creates one.
         progress: called with the number of plans done.
         options: options of `plan_crossing`.
@@ -87,7 +87,7 @@ def plan_study(
     columns = complete_chunks(
         partial(compute_rows, plan_combination, tuple(quantities), REFUSALS),
         {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan for each chunk
-        lambda chunk: {},
+        lambda chunk: {},  # arrays of a stored chunk: none is stored
         executor=executor,
         keeper=None,
         progress=lambda names: progress(len(names)),
@@ -109,8 +109,11 @@ def _plan_combination(
 
     Args:
         file: path of the robot file.
+        flexibility: which springs of the robot exist: "rigid" (none), "flexible_joints" or "flexible_links".
+        motion: path to follow, or the name of a scene.
+        options: of `plan_crossing`.
+        quantities: functions by name, each of which computes a number of a plan.
         parameters: value of each parameter, by name.
-        flexibility, motion, options, quantities: as for `plan_study`.
 
     Raises:
         NoAnswer, RobotFileError, SingularReference: there is no plan.

@@ -64,7 +64,7 @@ class PlanarCrossing(NamedTuple):
                 axes, forward and back.
             g: (M,) measure, 0 at the crossing.
             t_s: (M, n) twist, of unit speed at the crossing.
-            motor_speed: (M, n_a, n) G as in `PlatformWrench`.
+            motor_speed: (M, n_a, n) G, motor speeds per twist of the platform.
             torque_of_force: (M, n_a, n) g times the torques that hold a unit force on the platform.
             torque_off, torque_on: (M, 3, n_a) g times the coefficients of the torques without and with
                 gravity: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2].
@@ -108,7 +108,8 @@ class PlanarCrossing(NamedTuple):
         `gravity` is "off" or "on".
         """
         branch = replace(self.searched.branch, robot=self.robots[gravity])
-        torque = demand(branch, Smoothstep(0), s).torque
+        identity = Smoothstep(0)  # sigma = s, so that z is (ds/dt)^2 and u is d2s/dt2
+        torque = demand(branch, identity, s).torque
         return np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
 
     def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
@@ -180,8 +181,8 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
     robots, plans = {}, {}
-    for name, size in GRAVITY.items():
-        x, y, z = (-size * upwards).tolist()
+    for name, acceleration in GRAVITY.items():
+        x, y, z = (-acceleration * upwards).tolist()
         robots[name] = ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))
         plans[name] = plan_crossing(
             robots[name],

@@ -39,7 +39,7 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
-PlannedCrossing = tuple[CrossingPoint, Condition8]
+PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
 ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
 MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
@@ -53,7 +53,9 @@ LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
 DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
 
-Measure = Callable[[Array, Array], tuple[Array, Array]]  # see `choose_timing`
+# from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
+Measure = Callable[[Array, Array], tuple[Array, Array]]
+# advice where times or speeds do not suit the duration
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
     "which finds its own"
@@ -116,10 +118,16 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 def _find_balanced_law(
     to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime]
 ) -> tuple[Law, KnownDeflections]:
-    """Solve for law and deflections together, where passes of the deflections do not converge.
+    """Solve for law and deflections together, if passes of the deflections do not converge.
 
     The scalars of the law are changes of its s" at the crossings. Deflections move the crossings along the
     path, so that the polynomial is solved for again until it passes them at their times.
+
+    Args:
+        timing: times and speeds of the crossings.
+
+    Returns:
+        The law, and the deflections in balance with its forces.
 
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
@@ -147,6 +155,14 @@ def _balance_accelerations(
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
+    Args:
+        crossings: the points, whose s the law passes, each with its condition (8).
+        timing: times and speeds s' of the crossings.
+        start: deflections at which the iteration begins; None for springs at rest.
+
+    Returns:
+        The law, and the deflections in balance with its forces.
+
     Raises:
         NoAnswer: as `solve_balance`.
     """
@@ -156,12 +172,12 @@ def _balance_accelerations(
         """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
         return _solve_law(crossings, timing, request, branch.robot.name, shifts)
 
-    at_rest = np.zeros(len(crossings))
-    edges = panel_edges(branch, law_of(at_rest))
-    steps = at_rest + ACCELERATION_STEP / request.fixed_duration**2
+    no_shift = np.zeros(len(crossings))
+    edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
+    difference_steps = no_shift + ACCELERATION_STEP / request.fixed_duration**2  # (k,) [1/s^2]
     if start is not None and not np.array_equal(start.splines.panels, edges):
         start = None  # its panels end elsewhere
-    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), steps, start)
+    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
     return law_of(balance.scalars), balance.deflections
 
 
@@ -354,9 +370,10 @@ def choose_timing(
 def _first_timings(s: Sequence[float], request: Request) -> Array:
     """Return times and speeds (m, 2, k) of the laws to try first.
 
-    The first entry are times and speeds of the law without crossing conditions. Each other entry has one
-    speed for all crossings, between 1.2 and 2.4 paths per duration, and the times of a motion at this
-    constant speed that passes s = 1/2 at half of the duration.
+    The first entry has times and speeds of the law without crossing conditions. Each other entry has one
+    speed for all crossings, and the times of a motion at this constant speed that passes s = 1/2 at half of
+    the duration. The speeds are between 1.2 and 2.4 paths per duration, around 1.9, the peak of the law
+    without crossing conditions and of smoothness 2.
     """
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
@@ -366,10 +383,11 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
 
     times = np.vstack([plain_times, constant_speed_times])
-    if request.times is not None:
-        times[:] = plain_times = np.array(request.times)
+    if request.times is not None:  # the user's times replace all others
+        plain_times = np.array(request.times)
+        times[:] = plain_times
     speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
-    if request.speeds is not None:
+    if request.speeds is not None:  # the user's speeds, too
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
 
@@ -387,7 +405,8 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
 
     Args:
         duration: of the laws [s].
-        measure: as for `choose_timing`.
+        measure: a function of times and speeds (m, k), which returns advance (m,) and peak |s"| (m,).
+        timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
@@ -427,8 +446,10 @@ def _search_timings(
     centres = first_laws[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
 
-    # the survivors, best first, their scores and the mean of the survivors of the round before
-    laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
+    # the survivors, best first, with their scores, and the mean of the survivors of the round before
+    laws = first_laws[:1]
+    scores = score_laws(starts[:1])
+    mean = first_laws[0]
     for _ in range(MAX_ROUNDS):
         # survivors of the round before stay in the race
         laws = np.concatenate([laws, drawn])
@@ -445,8 +466,12 @@ def _search_timings(
 def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
     """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
 
-    Their covariance is that of the survivors about the mean (2, k) of the round before: sums of the
-    survivors' offsets from that mean, with independent normal weights, have it.
+    Sums of the survivors' offsets from a mean, with independent normal weights, have the covariance of the
+    survivors about this mean.
+
+    Args:
+        random: generator of the weights.
+        last_mean: mean (2, k) of the survivors of the round before.
     """
     weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
     steps = np.tensordot(weights, survivors - last_mean, axes=1)

@@ -195,9 +195,12 @@ class LeastLimits(NamedTuple):
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the least limits for ratios of peak torque and speed to a specification's limits.
+        """Return the least limits for peaks of torque and speed over a specification's limits.
 
-        The ratios are the fields `torque_peak` and `speed_peak`; `together` is the field of this name.
+        Args:
+            torque: the least peak of torque over the torque limits; None if unknown.
+            speed: the least peak of speed over the speed limits; None if unknown.
+            together: whether limits of torque and of speed must both be raised.
         """
         limits = {}
         if torque is not None:
@@ -210,6 +213,8 @@ class LeastLimits(NamedTuple):
 
 class SearchEvidence(NamedTuple):
     """The numbers of a search that found no law; no proof that none exists.
+
+    A search leaves LIMIT_MARGIN of each limit free, so it finds no law whose peak is barely within a limit.
 
     cells: number of intervals of the piecewise polynomial that represents the squared speed.
     least: the least limits within which a law of the requested duration was found.
@@ -227,7 +232,7 @@ class SearchEvidence(NamedTuple):
         """The numbers of the search, in words."""
         parts = []
         least = self.least
-        if least.together:
+        if least.together:  # limits of torque and of speed must both be raised
             parts.append(
                 f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
                 f"the limits were needed together"
@@ -235,9 +240,10 @@ class SearchEvidence(NamedTuple):
         else:
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
                 if peak is not None:
-                    left = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
+                    # a peak within the limits is refused if it is within the margin that a search leaves free
+                    margin = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
                     ratio = _ratio_text(peak)
-                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{left}")
+                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])

@@ -82,7 +82,7 @@ class Request(PlanOptions):
             value = getattr(self, name)
             is_left_open = value is None and getattr(PlanOptions, name) is None  # None is the default
             if option.check is not None and not is_left_open:
-                object.__setattr__(self, name, option.check(name, value))
+                object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
         if self.bounded and self.law == "polynomial":
             raise InvalidInput(
@@ -275,7 +275,7 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
 
 
 def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
-    """Compute the largest torques [N m, N] and speeds [rad/s, m/s] (n_a,) of a motion.
+    """Compute the largest torques [N m, N] and speeds [rad/s, m/s] of a motion's motors, (n_a,) each.
 
     They are peaks of Chebyshev series, so that peaks between nodes count. The series have the panels and the
     number of coefficients of the torques.
@@ -288,7 +288,7 @@ def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
 
 
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
-    """Return the largest ratio of a torque or speed to its limit; 0 without limits."""
+    """Return the largest ratio of a motion's torques and speeds to the specified limits; 0 without limits."""
     if not (specification.limited or specification.limited_speeds):
         return 0.0
     torque, speed = motor_peaks(dynamics)

@@ -75,10 +75,10 @@ class CrossingPlan:
     """
 
     robot: ParallelRobot
-    request: Request
+    request: Request  # path and options
     law: PlannedLaw
-    crossings: tuple[Crossing, ...]
-    dynamics: InverseDynamics
+    crossings: tuple[Crossing, ...]  # in the order of time
+    dynamics: InverseDynamics  # the motion under the law, with its torques
     certificate: Certificate
     seconds: float = 0.0  # computing time of planning
     reason: str = ""  # for the choice of the kind of law
@@ -91,9 +91,10 @@ class CrossingPlan:
 
     @cached_property
     def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
-        """The singular point of the loaded robot near each of `crossings`.
+        """The point near each of `crossings` where the robot is singular under its loads.
 
-        None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
+        Forces deflect the springs, which shifts the singular point along the path. The entries are None for
+        robots without springs, and if the forces are those of the undeformed robot (geometry "rigid").
         """
         return tuple(loaded_point(self.dynamics, crossing.time) for crossing in self.crossings)
 
@@ -108,11 +109,11 @@ class CrossingPlan:
         return self.dynamics.geometry
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor torques [N m], motor side, or their time derivatives."""
+        """Evaluate motor torques (T, n_a) [N m or N], motor side, or their time derivatives."""
         return self.dynamics.torque(t, order)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
+        """Evaluate motor angles (T, n_a) [rad, m], gear ratio times joint angle, or their derivatives."""
         return self.dynamics.motor_angle(t, order)
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
@@ -223,8 +224,10 @@ class CrossingPlan:
         """Write motion.csv to a path or an open text file.
 
         Args:
+            file: path, or file that is open for text.
             samples: number of instants, unless a period is given.
-            period, columns: as for `samples`.
+            period: time [s] between rows; the last row is always at the end of the motion.
+            columns: names of columns, or prefixes that several names share; all by default.
         """
         text = self.samples(samples, period=period, columns=columns).as_csv()
         if isinstance(file, str | PathLike):
@@ -322,7 +325,9 @@ def _find_condition(
     """Compute condition (8) at a crossing point with the deflections at a time [s].
 
     Args:
+        dynamics: the motion under the law, whose deflections shift the point.
         index: of the point in `to_cross.crossing_points`.
+        time: of the crossing [s].
     """
     if request.geometry != "deformed":
         _point, condition = to_cross.undeformed_crossings[index]

@@ -78,13 +78,13 @@ def _read_series(where: str, raw: Any) -> tuple[float, ...]:
 
 def _read_law(where: str, raw: Any) -> Document:
     """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
-    kind = read_table(where, raw, _KIND, others=None)["kind"]
-    return read_table(where, raw, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
+    kind = read_table(where, raw, _KIND_TABLE, others=None)["kind"]
+    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
-_KIND: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
-_LAWS: Mapping[str, Table] = {
+_KIND_TABLE: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
+_LAW_TABLES: Mapping[str, Table] = {
     Law.kind: {"chebyshev": required(_read_series)},
     OptimalLaw.kind: {
         "smoothness": required(whole),
@@ -93,10 +93,11 @@ _LAWS: Mapping[str, Table] = {
         "dense_at": required(_NUMBERS),
     },
 }
-_OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
-_TIME: Table = {"time": required(number), "speed": required(number)}
+_OPTIMALITY_TABLE: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
+_CROSSING_TABLE: Table = {"time": required(number), "speed": required(number)}
+# keys that must be in the file, whose values are computed anew
 _COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
-_READ: Table = {
+_PLAN_TABLE: Table = {
     "version": required(whole),
     "robot_file": required(text),
     "parameters": optional(mapping_of(number), {}),
@@ -106,10 +107,10 @@ _READ: Table = {
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
-    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _TIME, others=None))),
+    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _CROSSING_TABLE, others=None))),
     "reason": required(text_or_empty),
     "optimality": required(
-        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY, others=("optimize",)))
+        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY_TABLE, others=("optimize",)))
     ),
     "seconds": required(not_negative),
     **dict.fromkeys(_COMPUTED, required(anything)),
@@ -140,6 +141,9 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         InvalidInput: the path or the law is a user's own function, which cannot be written.
     """
     best = plan.optimality  # None for a polynomial
+    optimality = None
+    if best is not None:
+        optimality = {"optimize": best.specification.goal, "reference": best.reference, "gap": best.gap}
     document: Document = plain(
         {
             "version": VERSION,
@@ -156,13 +160,12 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "neglected": [effect._asdict() for effect in plan.neglected],
             "certificate": asdict(plan.certificate),
             "reason": plan.reason,
-            "optimality": best
-            and {"optimize": best.specification.goal, "reference": best.reference, "gap": best.gap},
+            "optimality": optimality,
             "seconds": plan.seconds,
         }
     )
     for crossing, loaded in zip(document["crossings"], plan.loaded_points, strict=True):
-        crossing["loaded"] = loaded and {"s": loaded.s, "distance": loaded.distance}
+        crossing["loaded"] = None if loaded is None else {"s": loaded.s, "distance": loaded.distance}
     return document
 
 
@@ -250,7 +253,7 @@ def plan_from_document(
 
     Args:
         file: the plan.json, for messages; paths in it are relative to its folder.
-        robot_file: as for `load_plan`.
+        robot_file: the robot file, or its catalogue name, if the file has moved since.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
@@ -301,7 +304,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _READ, others=("bend", "fidelity"))  # which commands add
+        return read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:
@@ -333,20 +336,22 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
         InvalidInput, RobotFileError: the file is missing or broken.
     """
     if robot_file is not None:
-        found = robot_file_of(str(robot_file))
+        source = robot_file_of(str(robot_file))
     else:
-        entry = find_entry(stated["robot_file"])
-        found = file.parent / stated["robot_file"] if entry is None else entry.file
-        if not os.path.exists(found):
+        entry = find_entry(stated["robot_file"])  # None if this is no catalogue name
+        source = file.parent / stated["robot_file"] if entry is None else entry.file
+        if not os.path.exists(source):
             raise RobotFileError(
-                f"{file}: robot_file: there is no {found}; if it has moved, name it again (--robot-file, or "
+                f"{file}: robot_file: there is no {source}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(found, flexibility=stated["flexibility"], parameters=stated["parameters"])
+    return ParallelRobot.from_file(source, flexibility=stated["flexibility"], parameters=stated["parameters"])
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
     """Return the request that plan.json states, checked for the robot and the law's duration [s].
+
+    `stated` are the values of its path and options; the path is removed from them.
 
     Raises:
         InvalidInput: an option is invalid, or the request has another duration.
@@ -360,7 +365,12 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the stated law of a duration [s]; refuse a smoothness that the request or laws exclude."""
+    """Return the stated law of a duration [s].
+
+    Raises:
+        InvalidInput: the duration is invalid, or the law is less smooth than requested or smoother than
+            optimal laws can be.
+    """
     check_duration(duration)
     if stated["kind"] == Law.kind:
         return Law(np.array(stated["chebyshev"]), duration)
@@ -377,8 +387,12 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of an optimal law, None for a polynomial; refuse other combinations."""
-    if (stated is None) != (kind == Law.kind):
+    """Return the stated optimality of a law of this kind; None for a polynomial.
+
+    Raises:
+        InvalidInput: an optimal law has no stated optimality, or a polynomial has one.
+    """
+    if (stated is None) != (kind == Law.kind):  # a polynomial has no optimality, every other law has one
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
         return None
@@ -391,10 +405,10 @@ def _make_optimality(
 
 def _compared_document(plan: CrossingPlan) -> Document:
     """Return the part of plan.json that `load_plan` computes anew and compares."""
-    crossings = [
-        vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
-        for crossing in plan.crossings
-    ]
+    crossings = []
+    for crossing in plan.crossings:
+        condition = None if crossing.condition is None else crossing.condition._asdict()
+        crossings.append(vars(crossing) | {"condition": condition})
     return {
         "geometry": plan.geometry,
         "duration": plan.duration,
@@ -412,7 +426,7 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
     any value agrees.
     """
     mean_speed = 1.0 / plan.duration  # [1/s] of s
-    # what coefficients are multiplied by at this speed
+    # the factors of the coefficients in condition (8), at this speed and acceleration
     factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
     conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
     largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
@@ -431,13 +445,26 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput with the first key whose value in the content of the file contradicts the plan."""
-    document, best = _compared_document(plan), plan.optimality
+    """Refuse a file that contradicts the plan computed anew; name the first such key.
+
+    Args:
+        saved: the content of plan.json.
+        plan: computed anew from the request and the law of the file.
+
+    Raises:
+        InvalidInput: a value of the file differs by more than rounding.
+    """
+    document = _compared_document(plan)
+    # of certificate and optimality one value each is compared: whether the law always advances, and its goal
     document["certificate"] = {"monotone": plan.certificate.monotone}
-    document["optimality"] = best and {"optimize": best.specification.goal}
-    stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
+    optimality = plan.optimality
+    document["optimality"] = None if optimality is None else {"optimize": optimality.specification.goal}
+
+    stated = dict(_yield_leaves(saved))
+    rounding_sizes = _rounding_sizes(plan)
     for key, computed in _yield_leaves(plain(document)):
-        size = sizes.get(re.sub(r"^crossings\[\d+\]", "crossings", key))
+        key_without_index = re.sub(r"^crossings\[\d+\]", "crossings", key)
+        size = rounding_sizes.get(key_without_index)  # None: the values must be equal
         if key not in stated or not _values_agree(stated[key], computed, size):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
@@ -465,8 +492,8 @@ def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
     """Return whether the value of a leaf in the file agrees with the computed one.
 
-    Numbers may differ by FILE_ROUNDING of the size, or of themselves if they are larger. Without a size the
-    values must be equal.
+    Numbers may differ by FILE_ROUNDING times `size`, or times the computed number if that is larger. Without
+    a size the values must be equal.
     """
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)

@@ -75,7 +75,7 @@ class Options:
         return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
-Propose = Callable[[Options, PartialRobot], PartialRobot]
+Propose = Callable[[Options, PartialRobot], PartialRobot]  # completes a robot by guesses
 
 
 def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> ParsedRobot:
@@ -84,8 +84,8 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored.
 
     Args:
-        tree: of which `describe` fixes joints.
-        file: that was read.
+        tree: the content of the file; its locked joints become fixed.
+        file: the file that was read.
         options: override and complete the file.
         dialect: one of `recognise.DIALECTS`.
 
@@ -101,6 +101,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(tree.closures)
 
+    # lock joints; then only loops in which a joint still moves count
     if options.base is not None:
         lock_outside_base(tree, options.base, reference)
     apply_locks(tree, options.locked, reference)
@@ -109,6 +110,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     if not loops and not tree.couplings:
         raise _no_loop_error(options, tree.closures)
 
+    # URDF and platform are stand-ins until options or proposals have completed the robot
     actuators = attach_transmissions(tree)  # adds to tree.dynamics
     description = RobotDescription(
         name=_choose_name(tree.root, file),
@@ -125,7 +127,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     try:
         completed = complete_robot(options, PartialRobot(tree, description))
     except FrameworkError:
-        unread_effects(tree)  # as above
+        unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise
 
     urdf_text = tostring(tree.root, encoding="unicode")
@@ -183,7 +185,7 @@ def _choose_name(root: Element, file: Path) -> str:
 
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
-    """Return the dynamics of moving coordinates as the dialect states, else by <dynamics>."""
+    """Return the dynamics of moving coordinates as the dialect states, else as the URDF's <dynamics> does."""
     dynamics = merge_joint_dynamics(declared_dynamics(tree.root), {}) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
@@ -219,27 +221,31 @@ def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float])
 
 
 def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
-    """Lock joints at values [rad, m]; None means the reference [rad, m], or zero if that has none.
+    """Lock joints at values [rad, m].
 
     A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
     angles replace those of the ball in `reference`.
 
+    Args:
+        locked: value of each lock by its name; None means the reference, or zero if the reference has none.
+        reference: positions [rad, m] by coordinate, which locked balls change.
+
     Raises:
-        RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; the new hinges
-            of a ball need a name that is taken.
+        RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; a new hinge of
+            a ball would have a name that is taken.
     """
     for name, value in locked.items():
-        ball = tree.joints.get(name[:-3])  # J, if the name is J_rx
+        ball = tree.joints.get(name[:-3])  # J of J_rx; None after another lock has made hinges of J
         if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
             rotation_vector = [reference.pop(key, 0.0) for key in ball.coordinates]
             reference.update(tree.lock_turn_of_ball(ball, name[-1], value, rotation_vector))
             continue
         if name in tree.fixed_positions:
-            continue  # locked by --base, or through a coupling
+            continue  # already locked, since --base does not carry the joint or through a coupling
         movable = [joint.name for joint in tree.joints.values() if joint.moves]
         check_name("--lock", "joint that moves", name, movable)
         joint = tree.joints[name]
-        if value and len(joint.coordinates) > 1:
+        if value and len(joint.coordinates) > 1:  # one value does not say about which axis
             raise RobotFileError(
                 f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
                 f"{joint.coordinates[-1]}=VALUE"

@@ -23,9 +23,10 @@ from framework.model.readers.urdf_tree import UrdfTree
 from framework.numerics.fields import Table, entries, list_of, one_of, optional, read_table, required, text
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-_KINDS = {"3d": "spherical", "3D": "spherical", "6d": "fixed", "6D": "fixed"}
+# closure kinds by the types of pairs
+_KIND_OF_TYPE = {"3d": "spherical", "3D": "spherical", "6d": "fixed", "6D": "fixed"}
 _U_JOINTS = ("UJOINT_XY", "UJOINT_XZ", "UJOINT_YX", "UJOINT_YZ", "UJOINT_ZX", "UJOINT_ZY")
-_JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(text), ()))
+_TRUE_TYPES: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(text), ()))
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
@@ -42,10 +43,10 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
             not have.
         RobotFileError: lists differ in length; a pair has not two frames; see `describe`.
     """
-    _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))  # changes the tree's frames
+    _replace_joints(tree, **read_table("", content, _TRUE_TYPES, others=KEYS))  # changes the tree's frames
     table = {
         "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),
-        "type": required(list_of(one_of("type", _KINDS))),
+        "type": required(list_of(one_of("type", _KIND_OF_TYPE))),
         "name_mot": optional(list_of(one_of("movable joint", tree.movable)), ()),
     }
     values = read_table("", content, table, others=KEYS)
@@ -54,7 +55,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     for i, (frames, kind) in enumerate(zip(pairs, kinds, strict=True)):
         if len(frames) != 2:
             raise RobotFileError(f"closed_loop[{i}]: needs two frames, got {short(frames)}")
-        tree.closures.append(Closure("-".join(frames), frames, locked_axes(_KINDS[kind])))
+        tree.closures.append(Closure("-".join(frames), frames, locked_axes(_KIND_OF_TYPE[kind])))
     check_unique("name_mot", motors)
     for motor in motors:
         tree.add_motor(motor)

@@ -38,14 +38,14 @@ from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array
 
 # Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
-_KINDS = {
+_KIND_OF_JOINT = {
     "mjJNT_FREE": "floating",
     "mjJNT_BALL": "spherical",
     "mjJNT_SLIDE": "prismatic",
     "mjJNT_HINGE": "continuous",
 }
 # geoms in terms of a URDF; a capsule is drawn without its ends
-_SHAPES = {
+_SHAPE_OF_GEOM = {
     "mjGEOM_SPHERE": "sphere",
     "mjGEOM_CAPSULE": "cylinder",
     "mjGEOM_CYLINDER": "cylinder",
@@ -56,7 +56,7 @@ _JOINT_MOTORS = ("mjTRN_JOINT", "mjTRN_JOINTINPARENT")
 _MOTOR_GAINS = ("mjGAIN_FIXED", "mjGAIN_AFFINE", "mjGAIN_USER")  # a muscle is no motor
 _MOTOR_DYNAMICS = ("mjDYN_NONE", "mjDYN_INTEGRATOR", "mjDYN_FILTER", "mjDYN_FILTEREXACT")
 # MuJoCo's fields of joints and tendons, in the order of JointDynamics
-_ACTING = ("armature", "damping", "frictionloss", "stiffness")
+_DYNAMICS_FIELDS = ("armature", "damping", "frictionloss", "stiffness")
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -93,7 +93,7 @@ class _Joint(NamedTuple):
     """A joint's name and kind in the URDF, and MuJoCo's view of the joint."""
 
     name: str
-    kind: str  # one of the values of _KINDS
+    kind: str  # one of the values of _KIND_OF_JOINT
     view: Any  # has the joint's part of each array of the compiled model
 
     @property
@@ -132,18 +132,23 @@ class _Model:
     """
 
     def __init__(self, compiled: Any, name: str) -> None:
-        """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
+        """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2.
+
+        Args:
+            compiled: the model as MuJoCo has compiled it (MjModel).
+            name: of the robot.
+        """
         self.compiled = compiled
         names = [self.name("body", k) for k in range(compiled.nbody)]  # the first is the world
         taken = {*names, ""}
-        self.bodies = [name or free_name(f"body_{k}", taken) for k, name in enumerate(names)]
+        self.bodies = [body or free_name(f"body_{k}", taken) for k, body in enumerate(names)]
 
         self.joints: list[_Joint] = []
         for j, number in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
-            rank = j - compiled.body_jntadr[k]  # among the joints of the body
+            rank = j - compiled.body_jntadr[k]  # among the joints of the body, from 0
             default = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
-            kind = _KINDS[member_name("mjtJoint", number)]
+            kind = _KIND_OF_JOINT[member_name("mjtJoint", number)]
             self.joints.append(_Joint(self.name("joint", j) or default, kind, compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
 
@@ -159,9 +164,12 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element that acts on some bodies or joints.
+        """Report an unread element.
 
-        With `is_decisive` the file is refused if one of them moves, see `UnreadElement`.
+        Args:
+            text: for messages: element, name, effect and its size.
+            acts_on: names of the bodies and joints on which the element acts.
+            is_decisive: whether the element decides how they move; the file is refused if one of them moves.
         """
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
@@ -183,7 +191,7 @@ class _Model:
                 inertia = axes @ np.diag(model.body_inertia[k]) @ axes.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
-            if shape := _SHAPES.get(member_name("mjtGeom", model.geom_type[k])):
+            if shape := _SHAPE_OF_GEOM.get(member_name("mjtGeom", model.geom_type[k])):
                 links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
         return root
 
@@ -206,7 +214,9 @@ class _Model:
         return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the moment arms d length / d q of a joint or tendon, by joint; None if spatial.
+        """Return the moment arms d length / d q of a joint or tendon, by joint.
+
+        The result is None for a spatial tendon, whose moment arms change with the pose.
 
         Args:
             kind: "joint" or "tendon".
@@ -217,6 +227,7 @@ class _Model:
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
+        # parts of the tendon (MuJoCo: wrap objects): joints of a fixed tendon, sites of a spatial one
         start = model.tendon_adr[number]
         parts = slice(start, start + model.tendon_num[number])
         if any(member_name("mjtWrap", part) != "mjWRAP_JOINT" for part in model.wrap_type[parts]):
@@ -274,8 +285,8 @@ class _Model:
         first = self._moment_arms(kind, model.eq_obj1id[k])
         second = self._moment_arms(kind, model.eq_obj2id[k])
         if first is None or second is None:
-            where += ": of a spatial tendon, which is not read"
-            self.leave_out(where, self.all_joints, is_decisive=True)
+            problem = "of a spatial tendon, which is not read"
+            self.leave_out(f"{where}: {problem}", self.all_joints, is_decisive=True)
             return
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
@@ -290,7 +301,7 @@ class _Model:
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
         elif len(arms) == 2:
             self._couple(name, arms, offset)
-        if len(arms) == 1:  # also if a problem is reported
+        if len(arms) == 1:  # arm q = offset; also if a problem is reported
             ((joint, arm),) = arms.items()
             tree.fix(tree.joints[joint], offset / arm)
 
@@ -301,14 +312,14 @@ class _Model:
         a coupling.
         """
         tree = self.tree
-        (joint, arm), (of, arm_of) = arms.items()
+        (joint, arm), (leader, leader_arm) = arms.items()
         first = tree.joints[joint]
-        second = tree.joints[of]
-        is_equal = (offset, arm, arm_of) == (0.0, 1.0, -1.0)
+        second = tree.joints[leader]
+        is_equal = (offset, arm, leader_arm) == (0.0, 1.0, -1.0)
         # whether no other joint moves between the links that the two hinges carry
         are_alone = tree.moving_chains(first.child, second.child) == ([first], [second])
         if not (is_equal and are_alone and tree.close_turns(name, first.child, second.child)):
-            tree.couplings.append(Coupling(joint, of, -arm_of / arm, offset / arm))
+            tree.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
 
     # -------------------------------------------------------------- forces
 
@@ -319,7 +330,7 @@ class _Model:
             view = joint.view
             names = coordinates_of(joint.name, joint.kind)
             rest = view.qpos_spring[0] - view.qpos0[0] if joint.has_one_freedom else None
-            dynamics = _make_dynamics((getattr(view, key)[0] for key in _ACTING), rest)
+            dynamics = _make_dynamics((getattr(view, key)[0] for key in _DYNAMICS_FIELDS), rest)
             if dynamics != JointDynamics():
                 self.tree.dynamics |= dict.fromkeys(names, dynamics)
             if model.nkey:
@@ -371,7 +382,7 @@ class _Model:
             return
         low, high = model.tendon_lengthspring[k]
         rest = low - model.tendon_length0[k] if low == high else None  # slack from low to high: not read
-        dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
+        dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _DYNAMICS_FIELDS), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
 
@@ -386,7 +397,7 @@ class _Model:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
         is_on_joint = member_name("mjtTrn", model.actuator_trntype[k]) in _JOINT_MOTORS
         if is_on_joint and model.jnt_actfrclimited[joint]:
-            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
+            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))  # this limit is behind the gear
         symmetric = [float(abs(high)) for low, high in ranges if high and low == -high]
         return min(symmetric, default=None)
 
@@ -426,7 +437,7 @@ class _Model:
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
-            for key in _ACTING:
+            for key in _DYNAMICS_FIELDS:
                 if value := getattr(model, f"tendon_{key}")[k]:
                     effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
@@ -437,7 +448,7 @@ class _Model:
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
-    """Return joint dynamics from values in the order of _ACTING.
+    """Return joint dynamics from values in the order of _DYNAMICS_FIELDS.
 
     `rest` is the position [rad, m] where a spring is at rest; without one (None) the stiffness is left out.
     """
@@ -451,7 +462,7 @@ def _make_visual(shape: str, size: Array, origin: Array) -> Element:
     """Return the URDF's `<visual>` of a primitive geom.
 
     Args:
-        shape: one of the values of _SHAPES.
+        shape: one of the values of _SHAPE_OF_GEOM.
         size: (3,) [m] as MuJoCo has it: half edges of a box; radius and half length of others.
         origin: (4, 4) placement in the link.
     """

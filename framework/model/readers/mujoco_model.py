@@ -30,7 +30,7 @@ from framework.numerics.input import read_text
 # [kg], [kg m^2] for bodies without mass; MuJoCo refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
 # the arrays that each flag of <option> disables
-_DISABLED = {
+_ARRAYS_OF_FLAG = {
     "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
     "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
     "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
@@ -79,7 +79,7 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
     """Compile a specification without the parts that MuJoCo refuses or that no motion needs.
 
     Returns:
-        As of `compile_mjcf`.
+        The compiled model, unread elements, and counts of unused elements by kind.
     """
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
@@ -95,7 +95,7 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
-    """Zero the effects that flags of the file disable; refuse disabled loops."""
+    """Zero the effects in the compiled model that flags of the file disable; refuse disabled loops."""
     disabled = [
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
@@ -105,8 +105,8 @@ def _apply_flags(mujoco: Any, compiled: Any) -> None:
         if name in disabled and compiled.eq_active0.any():
             raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
     for name in disabled:
-        for array in _DISABLED.get(name, ()):
-            getattr(compiled, array)[:] = 0
+        for array_name in _ARRAYS_OF_FLAG.get(name, ()):
+            getattr(compiled, array_name)[:] = 0  # in place
     if "GRAVITY" in disabled:
         compiled.opt.gravity[:] = 0.0
 
@@ -185,7 +185,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         except RobotFileError as error:
             yield UnreadElement(f"{body.info}: {error}", (body.name,), is_decisive=True)
             body.mass = max(body.mass, 0.0)
-            body.inertia = np.ones(3)
+            body.inertia = np.ones(3)  # any that is possible: the file is refused if the body moves
         # The largest moment of a thin rod is the sum of the others. MuJoCo allows no rounding above it.
         moments = np.maximum(body.inertia, 0.0)
         largest = moments.argmax()

@@ -33,11 +33,11 @@ DIALECTS = {
     "urdf": "URDF with <mimic>, <gazebo><joint>, drake:ball_constraint or loop_closures.yaml",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
-_USD = (
+_USD_REFUSAL = (
     "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
     "there the loops that they cut"
 )
-_LISTS = ("axes", "motors", "platform_joints")  # options that are lists of names
+_LIST_OPTIONS = ("axes", "motors", "platform_joints")  # options that are lists of names
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our robot file
 
 
@@ -70,7 +70,7 @@ def parse_any(
     """
     path = Path(file)
     stated: dict[str, Any] = {
-        name: tuple(value) if name in _LISTS else value
+        name: tuple(value) if name in _LIST_OPTIONS else value
         for name, value in options.items()
         if value is not None
     }
@@ -79,7 +79,7 @@ def parse_any(
         path = _find_pair(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
     if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
-        raise RobotFileError(f"{path}: {_USD}")
+        raise RobotFileError(f"{path}: {_USD_REFUSAL}")
     is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
@@ -95,6 +95,10 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     """Read an XML file, whose content is `text`, with the reader of its root element.
 
     Errors begin with the line of the element that they name.
+
+    Raises:
+        MissingPackage: the reader needs a package that is not installed.
+        RobotFileError: the root element is unknown, or the reader refuses the file.
     """
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
@@ -112,8 +116,8 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return "line N: " for the element that a message begins with, or ""."""
-    named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
+    """Return "line N: " for the element in `text` that a message begins with, or ""."""
+    named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)  # tag and name, as in "joint 'hip': ..."
     if named is None:
         return ""
     tag, name = named.groups()
@@ -189,8 +193,8 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Complete a robot of our own file by the options.
 
     Raises:
-        RobotFileError: options lock joints, which the file itself does with the key `locked`; see
-            `complete_robot`.
+        RobotFileError: options lock joints, which the file itself does with the key `locked`; or options name
+            what the robot does not have.
     """
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"

@@ -54,7 +54,7 @@ from framework.numerics.fields import vector3
 
 UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
 # kinds of joints by their type in the file
-_KINDS = {
+_KIND_OF_TYPE = {
     "fixed": "fixed",
     "revolute": "revolute",
     "continuous": "revolute",
@@ -65,19 +65,20 @@ _KINDS = {
     "ball": "spherical",
 }
 # the motions of one freedom that make each kind: suffix of the name, type in the URDF, tag of the axis
-_MOTIONS = {
+_MOTIONS_OF_KIND = {
     "revolute": (("", "continuous", "axis"),),
     "prismatic": (("", "prismatic", "axis"),),
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
     "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
 }
-_NOT_READ = ("gearbox",)  # types of joints
+_UNREAD_TYPES = ("gearbox",)  # types of joints
 # elements without an effect on the motion
-_UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
-_OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
-_DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
-# default texts of the children of <inertial>, in the order of ENTRIES
-_INERTIA = {
+_UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
+# properties that joints of the tree can have, and closures cannot
+_TREE_PROPERTIES = ("dynamics", "limit", "mimic")
+_DYNAMICS_TAGS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
+# texts of the children of <inertial> that SDF takes by default, moments in the order of ENTRIES
+_DEFAULT_INERTIA = {
     "mass": "1",
     "inertia/ixx": "1",
     "inertia/iyy": "1",
@@ -94,7 +95,7 @@ class _Joint(NamedTuple):
 
     name: str  # scoped, see `sdf_scope`
     element: Element
-    kind: str  # one of the values of _KINDS
+    kind: str  # one of the values of _KIND_OF_TYPE
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
     motions: list[
@@ -110,15 +111,15 @@ class _Joint(NamedTuple):
         """
         parent, child = self.links
         on_parent, on_child = self.placements
-        first, *others = self.motions
         if link == parent:
+            first, *others = self.motions
             return [first._replace(origin=on_parent), *others], child, invert_placement(on_child)
         # from child to parent the motions are in reverse order, about opposite axes
-        first, *others = [
+        last, *others = [
             motion if motion.axis is None else motion._replace(axis=-motion.axis)
             for motion in reversed(self.motions)
         ]
-        return [first._replace(origin=on_child), *others], parent, invert_placement(on_parent)
+        return [last._replace(origin=on_child), *others], parent, invert_placement(on_parent)
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -134,7 +135,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     joints = _joints_of_main_part(scope)
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
-    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED})  # += drops zeros
+    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
@@ -163,7 +164,7 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
     """Report gearboxes, links without gravity, and links apart from the mechanism of `joints`."""
     gears = []
     for name, element in scope.joints.items():
-        if (kind := element.get("type")) in _NOT_READ:
+        if (kind := element.get("type")) in _UNREAD_TYPES:
             acts_on = name, *_links_of_joint(scope, name)
             gears.append(UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True))
     tree.left_out[:0] = gears  # in front, since their messages are more precise
@@ -202,7 +203,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     joint = scope.joints[name]
     where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
-    check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
+    check_name(where, "type", kind, (*_KIND_OF_TYPE, *_UNREAD_TYPES))
     with prefix_errors(where):
         first, second = (scope.link_of(end_name(joint, end)) for end in ("parent", "child"))
     if first == second:
@@ -213,7 +214,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     """Make a joint with its motions and its placement in each link; `links` are the parent and the child."""
     element = scope.joints[name]
-    kind = _KINDS.get(element.get("type", ""), "fixed")
+    kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
     on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
@@ -228,11 +229,11 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
 
 
 def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], dict[str, JointDynamics]]:
-    """Read the motions of a joint of this kind, and their dynamics by name, as in `_Joint`."""
+    """Read the motions of one freedom of a joint of this kind, and their dynamics by name of the motion."""
     element = scope.joints[name]
     motions = []
     dynamics: dict[str, JointDynamics] = {}
-    for suffix, motion, tag in _MOTIONS.get(kind, ()):
+    for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
         limits = _read_limits(element, name, tag)
         motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, limits))
@@ -243,7 +244,7 @@ def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], d
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
     """Read damping, friction and spring along the axis of a joint in the element `tag`."""
-    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS}
+    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS_TAGS}
     damping, friction, stiffness, rest = _read_values(joint, f"joint {name!r}", paths)
     return JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
 
@@ -326,11 +327,12 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
         """Return whether each reason to cut a loop at a joint holds, the strongest reason first."""
         is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
         return (
-            f"{joint.name}_at_child" in scope.relative,  # from a constraint, by `_constraint_elements`
-            joint.kind != "screw",
-            not is_coupled,
-            not _has_property(joint.element, *_OWN),
-            joint.kind in ("universal", "spherical"),
+            # the frame that `_constraint_elements` makes: the file itself states a loop equation
+            f"{joint.name}_at_child" in scope.relative,
+            joint.kind != "screw",  # which cannot be cut
+            not is_coupled,  # couplings need joints of the tree
+            not _has_property(joint.element, *_TREE_PROPERTIES),
+            joint.kind in ("universal", "spherical"),  # which saves several joints of the tree
         )
 
     # Kruskal's algorithm: a joint enters the tree if it joins two groups of links. Joints with weak reasons
@@ -373,7 +375,10 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
 
 
 def _make_link(scope: Scope, name: str) -> Element:
-    """Return a link with the stated inertia, else SDF's default, and its primitive shapes."""
+    """Return a link with the stated inertia, else SDF's default, and its primitive shapes.
+
+    The world is a link without a body.
+    """
     link = Element("link", name=name)
     if name == WORLD:
         return link
@@ -382,17 +387,18 @@ def _make_link(scope: Scope, name: str) -> Element:
     inertial = element.find("inertial")
     if inertial is None:
         inertial = Element("inertial")
-    mass, *moments = _read_values(inertial, where, _INERTIA)
-    origin = read_placement(inertial.find("pose"), where)
-    axes = origin[:3, :3]
-    link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
+    mass, *moments = _read_values(inertial, where, _DEFAULT_INERTIA)
+    body_pose = read_placement(inertial.find("pose"), where)  # (4, 4) of the centre of mass and its axes
+    axes = body_pose[:3, :3]
+    link.append(inertial_element(mass, body_pose[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
         for shape, keys in SIZES_OF_SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
+                # a shape is only drawn, so that any size will do where the file has none
                 sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                origin = read_placement(visual.find("pose"), where)
-                link.append(visual_element(shape, sizes, origin))
+                shape_pose = read_placement(visual.find("pose"), where)
+                link.append(visual_element(shape, sizes, shape_pose))
     return link
 
 
@@ -423,9 +429,14 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop that is cut at a joint between two links of the tree."""
-    if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
+    """Close the loop that is cut at a joint between two links of the tree.
+
+    Raises:
+        RobotFileError: a closure cannot express joints of this type.
+    """
+    if (kind := joint.element.get("type")) in (*_UNREAD_TYPES, "screw"):
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
-    ends = zip("12", joint.links, joint.placements, strict=True)
-    axes = [motion.axis for motion in joint.motions if motion.axis is not None]
+    # of each end: suffix of the name of its frame, link, and placement (4, 4) in the link
+    ends = zip(("1", "2"), joint.links, joint.placements, strict=True)
+    axes = [motion.axis for motion in joint.motions if motion.axis is not None]  # none if fixed or a ball
     tree.close(joint.name, locked_axes(joint.kind), ends, axes)

@@ -64,10 +64,12 @@ class Scope:
         return self.placement_of(base, depth + 1) @ pose
 
     def link_of(self, name: str, depth: int = 0) -> str:
-        """Return the link that carries a frame; `depth` as in `placement_of`.
+        """Return the link that carries a frame.
+
+        `depth` counts the recursions, which do not end where frames are attached to one another.
 
         Raises:
-            RobotFileError: there is no such frame, or it is attached to itself.
+            RobotFileError: there is no such frame, or it is attached to itself, so that no link carries it.
         """
         if name in self.links or name == WORLD:
             return name
@@ -100,6 +102,7 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
     """Add the models in an element, and the models in files that the element includes.
 
     Args:
+        parent: the element, such as a <world> or a <model>.
         folder: of the file, from which paths of included files start.
         prefix: of scoped names, such as "a::" in model a; empty in the world.
         base: frame to which a model's pose is relative by default.
@@ -131,9 +134,14 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
 
 
 def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model and its content; arguments as of `add_models`.
+    """Add a model and its content.
 
     The names in the first model have no prefix; the names in all others begin with the name of the model.
+
+    Args:
+        folder: of the file, from which paths of included files start.
+        prefix: of scoped names outside of the model.
+        base: frame to which the model's pose is relative by default.
     """
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
@@ -163,8 +171,11 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
 def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the links, frames, joints and models of a model whose frame is `base`.
 
+    A constraint of Drake becomes two frames and a joint.
+
     Args:
-        folder, prefix: as of `add_models`.
+        folder: of the file, from which paths of included files start.
+        prefix: of scoped names in the model, such as "a::" in model a.
 
     Raises:
         RobotFileError: an element has no name or that of another one; a pose, a constraint or the end of a

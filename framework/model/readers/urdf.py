@@ -80,17 +80,17 @@ from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"
 # kinds of closures by the type that each syntax has for them
-_ALIKE = {
+_SHARED_KINDS = {
     "fixed": "fixed",
     "spherical": "spherical",
     "revolute": "revolute",
     "prismatic": "prismatic",
     "continuous": "revolute",
 }
-_IN_URDF_PLUS = _ALIKE | {"cylindrical": "cylindrical", "planar": "planar"}
-_IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
+_KINDS_IN_URDF_PLUS = _SHARED_KINDS | {"cylindrical": "cylindrical", "planar": "planar"}
+_KINDS_IN_ROS = _KINDS_IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
 # names of the frames of onshape-to-robot: the loop, its end, and a mark of the second pair of a hinge
-_CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
+_CLOSING_LINK = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
 class _Syntax(NamedTuple):
@@ -101,10 +101,10 @@ class _Syntax(NamedTuple):
     axes: tuple[str, ...] = ("axis",)  # of both ends, or of each end
 
 
-_LOOPS = {
-    "loop": _Syntax(("predecessor", "successor"), _IN_URDF_PLUS),
-    "constraint": _Syntax(("parent", "child"), _IN_ROS, ("parent_axis", "child_axis")),
-    "loop_joint": _Syntax(("link1", "link2"), _ALIKE),
+_LOOP_SYNTAX = {
+    "loop": _Syntax(("predecessor", "successor"), _KINDS_IN_URDF_PLUS),
+    "constraint": _Syntax(("parent", "child"), _KINDS_IN_ROS, ("parent_axis", "child_axis")),
+    "loop_joint": _Syntax(("link1", "link2"), _SHARED_KINDS),
 }
 
 
@@ -116,7 +116,7 @@ def _element_name(element: Element) -> tuple[str, str]:
 
 def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
-    syntax = _LOOPS[element.tag]
+    syntax = _LOOP_SYNTAX[element.tag]
     if element.tag == "loop_joint":  # both ends may be called link1
         ends_in_order = [end for end in element if end.tag in syntax.ends]
         for tag, end in zip(syntax.ends, ends_in_order, strict=False):
@@ -184,17 +184,18 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
 def _read_coupling(tree: UrdfTree, element: Element) -> None:
     """Read a `<coupling>`: fix a joint, close equal rotations of links, or write a `<mimic>`."""
     name, where = _element_name(element)
-    ends = _LOOPS["loop"].ends
+    ends = _LOOP_SYNTAX["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
-    first, second = (_read_end(tree, element, where, end)[0] for end in ends)  # links
-    value = child_element(element, where, "ratio")
-    check_parts(value, f"{where}: <ratio>", (), ("value",))
-    ratio = read_number(value, f"{where}: <ratio>", "value")
+    first, second = (_read_end(tree, element, where, end)[0] for end in ends)  # links, without placements
+    ratio_element = child_element(element, where, "ratio")
+    check_parts(ratio_element, f"{where}: <ratio>", (), ("value",))
+    ratio = read_number(ratio_element, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
 
     drivers, driven = tree.moving_chains(first, second)
-    # with the ratio 0, or without joints on one side, the angle of one side must be zero
+    # ratio * (sum of angles of the drivers) = sum of angles of the driven joints; without joints on one side,
+    # or with the ratio 0, the other sum must be zero
     is_zero = ratio == 0.0 or not (drivers and driven)
     joints_at_zero = driven if ratio == 0.0 or not drivers else drivers
     if is_zero and len(joints_at_zero) == 1 and joints_at_zero[0].kind in MOVING:
@@ -278,14 +279,15 @@ def _close_named_frames(tree: UrdfTree) -> bool:
     """Close loops at pairs of links closing_X_1, closing_X_2; return whether any exists."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
-        if match := _CLOSING.fullmatch(link):
+        if match := _CLOSING_LINK.fullmatch(link):
             pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
     for name, ends in pairs.items():
         if len(ends) < 2:
             ((end, link),) = ends.items()
-            missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
+            other_end = "2" if end == "1" else "1"
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{other_end}\1", link)
             raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
-        tree.close(name, locked_axes("spherical"), [(end, ends[end], np.eye(4)) for end in "12"])
+        tree.close(name, locked_axes("spherical"), [(end, ends[end], np.eye(4)) for end in ("1", "2")])
     return bool(pairs)
 
 
@@ -334,7 +336,7 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         hinge_at_zero = placement(None, entry["point"])
         ends = []
-        for end in "ab":
+        for end in ("a", "b"):
             name = entry[f"link_{end}"]
             ends.append((end, name, invert_placement(tree.zero_pose(name)) @ hinge_at_zero))
         tree.close(f"loop_{i + 1}", locked_axes("revolute"), ends, [axis])

@@ -36,8 +36,8 @@ from framework.tolerances import FILE_ROUNDING
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
 # top-level elements that belong to every URDF; children that are read, of some of them
-_KNOWN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
-_USED = {
+_URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+_READ_CHILDREN = {
     "link": ("inertial", "visual", "collision"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
@@ -83,14 +83,14 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
         tag = local_name(element.tag)
         if tag in valid:
             unused.update(_unused_parts(element, tag))
-        elif "}" not in element.tag and nearest(tag, valid):
+        elif "}" not in element.tag and nearest(tag, valid):  # in no namespace, so probably misspelled
             raise RobotFileError(choose_from("element", tag, valid))
         else:
             unused[f"<{tag}>"] += 1
             root.remove(element)
     for element in root.iter():
         for key in list(element.attrib):
-            if key.startswith("{"):
+            if key.startswith("{"):  # in the namespace of another program
                 del element.attrib[key]
     return unused
 
@@ -135,8 +135,8 @@ def _unused_parts(element: Element, tag: str) -> Iterator[str]:
     """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
-    for child in element if tag in _USED else ():
-        if child.tag not in _USED[tag]:
+    for child in element if tag in _READ_CHILDREN else ():
+        if child.tag not in _READ_CHILDREN[tag]:
             yield f"<{child.tag}>"
 
 
@@ -177,7 +177,7 @@ class UrdfTree(Tree):
         # Drake's files need not declare the link `world`
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
             SubElement(root, "link", name="world")
-        self.unused = _remove_foreign_elements(root, (*_KNOWN, *extra))
+        self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
         self.extra = _take_out(root, extra)  # the dialect's own elements
         # the two ways in which ROS declares motors
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
@@ -254,7 +254,7 @@ class UrdfTree(Tree):
 
         Args:
             name: of the closure, with which the names of its frames begin.
-            locked: as of `Closure.axes`.
+            locked: axes of the first frame along which the relative pose of both frames is locked.
             ends: for each end the suffix of the frame's name, the link, and the joint's placement (4, 4) in
                 the link.
             axes: (3,) each, in the joint's placement; one for each end, one for both, or none. The first axis
@@ -283,7 +283,7 @@ class UrdfTree(Tree):
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
 
-        The name has underscores added if it was taken.
+        Underscores are added to the name until it is free, and so is that of the joint NAME_mount.
 
         Raises:
             RobotFileError: the tree has MAX_TREE_ELEMENTS added frames.
@@ -331,7 +331,7 @@ class UrdfTree(Tree):
             rotation_vector: (3,) of the ball in the reference [rad].
 
         Raises:
-            RobotFileError: see `replace_by_turns`.
+            RobotFileError: the name of a hinge, or of the link behind it, is taken.
         """
         from scipy.spatial.transform import Rotation
 
@@ -361,7 +361,9 @@ class UrdfTree(Tree):
         origin = joint.origin
         for name, axis in zip(names, axes, strict=True):
             motions.append(NewJoint(name, "continuous", origin, unit_vector(axis)))
-            origin = np.eye(4)
+            origin = np.eye(4)  # of all hinges but the first
+
+        # the chain takes the place of the joint in the XML, then in the tree
         elements = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
         position = list(self.root).index(joint.element)
         self.root[position : position + 1] = elements
@@ -372,14 +374,15 @@ class UrdfTree(Tree):
             else:
                 hinge = read_joint(element, set(self.links))
                 self._taken.add(hinge.name)
-                self.joints[hinge.name] = self.parent_joint[hinge.child] = hinge
+                self.joints[hinge.name] = hinge
+                self.parent_joint[hinge.child] = hinge
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
         """Add the loop equation `name` that keeps the rotations of two links equal, where possible.
 
         Return whether the equation exists. This requires that all joints between the links are parallel
         hinges: the rotation of a link is then the sum of the angles. Hinges about opposite axes count as not
-            parallel.
+        parallel.
 
         Raises:
             RobotFileError: see `add_frame`.
@@ -392,6 +395,7 @@ class UrdfTree(Tree):
             axes.append(axis / np.linalg.norm(axis))
         if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
+        # a frame of each link, parallel to the base at zero; their turn about the common axis stays zero
         ends = []
         for end, link in (("first", first), ("second", second)):
             axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link

@@ -280,7 +280,7 @@ def _wrench_row(
     terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
     bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
     scale = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return remove_rounding(terms.sum(axis=1), scale, alpha=2)  # the coefficient of u, and so of s"
+    return remove_rounding(terms.sum(axis=1), scale, alpha_index=2)  # the coefficient of u, and so of s"
 
 
 def _bound_wrench_terms(
