@@ -68,7 +68,9 @@ class Variation:
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
     """Draw the variation of one robot, independent of all others.
 
-    `seed` is the seed of the study and the number of the run.
+    Args:
+        spread: of each quantity about the model `robot`.
+        seed: seed of the study, number of the run.
     """
     random = np.random.default_rng(seed)
     # drawing in another order would give other results for the same seed
@@ -208,7 +210,7 @@ class RunMonitor:
         the comparison.
         """
         deviations = np.abs((x - planned) / self.robot.platform_scale)
-        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
+        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)  # (R,) worst coordinate
         self.end(time, self.error >= MAX_DEVIATION)
         self.worst = np.maximum(self.worst, self.error)
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
@@ -289,6 +291,7 @@ def run_closed_loop(
     robots = _VariedRobots.of(ref, spread, variations)
     monitor = RunMonitor(len(variations), ref.robot)
     last = len(ref.times) - 1
+    # (K, R, n_a) torques that the controller commands, and torques of the motors, which are delayed
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start
     for k in range(last + 1):
@@ -296,6 +299,7 @@ def run_closed_loop(
             report_progress(k / last)
             monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
 
+        # a controller may divide by zero at Type 2: an undefined torque counts as none
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
@@ -334,11 +338,15 @@ class _VariedRobots(NamedTuple):
     delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
     smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
-    noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds
+    noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds; None without noise
 
     @staticmethod
     def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
         """Place the robots at rest at the start of the plan, loops closed.
+
+        Args:
+            spread: standard deviations of the encoders' noise.
+            variations: the other differences of each robot from the model.
 
         Raises:
             InvalidInput: the loops of a varied robot do not close.
@@ -391,14 +399,16 @@ class _VariedRobots(NamedTuple):
 
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
         x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
+        # the rates of the platform follow from those of the joints, as offsets from the plan
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Compute the states one period after instant k under motor torques (R, n_a) [N m].
+        """Compute the states one period after instant k under motor torques `torque` (R, n_a) [N m].
 
-        External wrenches are evaluated in the middle of the period, at a configuration predicted from the
-        present rates.
+        At instant k the robots have the configurations q (R, nq) and the joint rates v (R, nv). External
+        wrenches are evaluated in the middle of the period, at a configuration predicted from the present
+        rates.
         """
         ref = self.reference
         world = None
@@ -408,5 +418,5 @@ class _VariedRobots(NamedTuple):
             models = [robot.model for robot in self.stepper.stack.robots]
             world = self.world(ref.robot, middle, q_middle, models)
         speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
-        friction = self.friction * np.tanh(speed / self.smoothing_speed)
+        friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
         return self.stepper.step(q, v, torque - friction, ref.period, world=world)

@@ -118,7 +118,7 @@ def run_study(
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     # numbers of the runs of each chunk, by the name under which the chunk is stored
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
-    finished_runs = 0  # in finished chunks
+    finished_runs = 0  # in finished chunks, for the progress within a chunk
 
     def report(names: Collection[str]) -> None:
         """Count the runs of finished chunks, and report their number."""
@@ -172,6 +172,7 @@ def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
     `motors` is the number of motors, `chunk` has the numbers of the runs.
     """
     runs = len(chunk)
+    # types by their numpy kinds: f for floats, b for booleans, U for text
     numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
         "passed": ArrayField("b", (runs,)),

@@ -100,10 +100,10 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
     """Yield the one or two terms of loop equation `row`.
 
-    An equation on a base axis (0..2) has two terms: the origin of the second frame less the origin of the
-    first. Any other equation has one term, along the chain between both frames. It is the product of an axis
-    of the first frame with an axis of the second frame (direction) or with its origin (point), or the squared
-    distance between the origins (square).
+    An equation on a base axis `base_axis` (0..2; None for all others) has two terms: the origin of the second
+    frame less the origin of the first. Any other equation has one term, along the chain between both frames.
+    It is the product of an axis of the first frame with an axis of the second frame (direction) or with its
+    origin (point), or the squared distance between the origins (square).
     """
     loops = robot.loops
     number = robot.n + row  # of the equation; those of the platform come first
@@ -121,7 +121,7 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
-    """Return the chain of the moving joints between two frames."""
+    """Return the chain of the moving joints between two frames, `ends` (first, second)."""
     moving = robot.moving.tolist()
     indices = list[int]()
     signs = list[float]()

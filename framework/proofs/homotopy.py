@@ -114,7 +114,7 @@ def find_real_solutions(
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
 
-    rows, slack = group.eliminate_square(coefficients, rounding)
+    rows, slack = group.eliminate_square(coefficients, rounding)  # equivalent, with bounds on their errors
     attempts = list[RealSolutions]()
     for seed in range(1, MAX_ATTEMPTS + 1):
         attempts.append(_prove_path_ends(group, rows, slack, seed))
@@ -129,26 +129,26 @@ def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
-    """Track all paths once, and prove the solutions at their ends.
+    """Track all paths to one system once, and prove the solutions at their ends.
 
     A solution is decided if its enclosure is proved to hold exactly one solution, and either the solution is
     real or the enclosure contains no real point.
 
     Args:
-        coefficients: (K, M).
+        coefficients: (K, M) of the system.
         slack: (K, M) bounds on the errors of the coefficients.
-        seed: chooses the paths.
+        seed: of the random numbers that choose the paths.
     """
     quadrics = group.quadrics(coefficients)
     ends = find_path_ends(group, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
-    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N) of S arrived paths
 
     # the middle of an enclosure must be real for its solution to be proved real
     norms = np.linalg.norm(z, axis=1)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
-    is_new = first_occurrences(z / norms[:, None])
+    is_new = first_occurrences(z / norms[:, None])  # two paths may have ended at one solution
     proof = enclose_solutions(quadrics, group.quadrics_slack(slack), chart, z)
     count = _count_paths(group, ends, z, is_real, is_new, proof)
 
@@ -237,7 +237,7 @@ def solve_start_system(group: Displacements) -> StartSystem:
     system -= np.outer(system @ members, members.conj()) / np.vdot(members, members)
     system /= np.linalg.norm(system, axis=1, keepdims=True)
 
-    solutions = z[None]
+    solutions = z[None]  # (known solutions, N)
     for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
@@ -269,9 +269,9 @@ def track_paths(
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    The chart is random. Each path has its own t from 0 to 1 and its own step. A step is good if its
-    correction is small. The step is doubled after several good ones, and halved after any other, which is not
-    taken. A path is lost if its step becomes too short.
+    The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good
+    if its correction is small. The step is doubled after several good ones, and halved after any other, which
+    is not taken. A path is lost if its step becomes too short.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
@@ -290,7 +290,7 @@ def track_paths(
 
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
         grows = good_steps[live] >= STEPS_BEFORE_GROWTH
-        good_steps[live[grows]] = 0
+        good_steps[live[grows]] = 0  # count again
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
         live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
@@ -331,10 +331,12 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
     z, arrived = track_paths(group, start, target, start_system.z, rng)
 
     is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
+    # the endgame completes these arrays
     infinite, multiple = np.zeros((2, len(z)), dtype=bool)
     ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
     last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
     _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
+    # of a path that never arrives, its last point
     ends.z[~ends.arrived] = last[~ends.arrived]
     return ends
 
@@ -367,7 +369,7 @@ def _run_endgame(
 
     Args:
         line: coefficients (K, M) of the start system and of the target system.
-        ends: of all S paths.
+        ends: of all S paths; completed where the endgame finds an end.
         last: (S, N) points of the paths, at the start of the line if live; the last points on return.
         live: (S,) paths to classify; becomes False where a path is classified or lost.
     """
@@ -393,6 +395,7 @@ def _run_endgame(
         live &= ~(is_infinite | is_finite)
         ends.infinite[is_infinite] = True
 
+        # track paths with a finite end to it; at a multiple solution they do not arrive
         is_open = is_finite & ~ends.arrived
         last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
         ends.z[is_open], ends.arrived[is_open] = last_stretch
@@ -407,7 +410,7 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Equations of all paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
+    """Equations of all S paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
 
     start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
     change: ComplexArray  # (N - 1, N, N) from t = 0 to t = 1
@@ -426,12 +429,16 @@ class _LinearHomotopy(NamedTuple):
         """
         right = np.zeros_like(z)
         right[:, :-1] = -0.5 * np.matvec(matrix_products(self.change, z), z)
-        return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
+        return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]  # the factor 2 cancels
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute the Newton step (S, N), of least norm where the Jacobian is singular."""
+        """Compute the Newton step (S, N) at z (S, N), t (S,).
+
+        The step has the least norm where the Jacobian is singular. Values and Jacobian are both halved: half
+        the Jacobian times z gives the values of the quadrics.
+        """
         half_jacobian = self.half_jacobian(z, t)
-        half_values = 0.5 * np.matvec(half_jacobian, z)
+        half_values = 0.5 * np.matvec(half_jacobian, z)  # (S, N)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 

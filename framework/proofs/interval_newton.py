@@ -43,7 +43,7 @@ class LinearEnclosure(NamedTuple):
         return LinearEnclosure(np.matvec(mixers, self.values), mixers @ self.slopes, errors)
 
     def concatenate(self, other: LinearEnclosure) -> LinearEnclosure:
-        """Join the equations of two enclosures over the same boxes."""
+        """Return the equations (S, m + m', k) of two enclosures over the same boxes."""
         return LinearEnclosure(*map(np.hstack, zip(self, other, strict=True)))
 
 
@@ -93,8 +93,8 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     """Invert m independent columns of slopes (S, m, k), m <= k; return mixers (S, m, m).
 
-    The columns are those with the largest terms slopes * radii in the box, chosen by Gaussian elimination
-    with complete pivoting.
+    In the mixed equations the matrix of these m unknowns is the identity. The columns are those with the
+    largest terms slopes * radii in the box, chosen by Gaussian elimination with complete pivoting.
     """
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
@@ -115,9 +115,10 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
 def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
     """Compute mixers (S, k + m, m), m >= k, from slopes (S, m, k) that may lose rank.
 
-    Divided by the errors and multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are
-    the damped inverse V diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses
-    small ones. The other mixers are U'.
+    The mixers combine `equations` in boxes of `radii` (S, k), for `contract`. Divided by the errors and
+    multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are the damped inverse V
+    diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses small ones. The other
+    mixers are U'.
     """
     weights = 1.0 / equations.errors  # (S, m)
     J = equations.slopes * radii[:, None] * weights[:, :, None]

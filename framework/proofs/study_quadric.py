@@ -98,9 +98,9 @@ def displacement_functions(R: Array, p: Array) -> Array:
 
 
 def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
-    """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
-    values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
-    values = values / values[:, :1]  # the first function is 1
+    """Compute rotations R (T, 3, 3), translations p (T, 3) of real dual quaternions z (T, 8)."""
+    scaled = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)  # (T, 17) functions times |x|^2
+    values = scaled / scaled[:, :1]  # the first function is 1
     return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
 
 
@@ -169,9 +169,9 @@ class Displacements:
         first = self.members[0]
         for _ in range(2):
             z = self.random_point(rng)
-            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
+            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k and of the fixed quadric
             quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
-            # f_1 / 2 times the gradient of f_k / f_1
+            # the quotient rule gives f_1 / 2 times the gradients of f_k / f_1
             gradients[: self.equations] -= np.outer(quotients, first @ z)
             sizes = singular_values(gradients)
             if sizes[-1] > RANK_ROUNDING * sizes[0]:
@@ -204,15 +204,17 @@ class Displacements:
         shares = np.abs(multiples / largest)
         if not shares.any():
             return coefficients, errors
-        k = np.argmax(shares)
+        k = np.argmax(shares)  # the pivot's row
         pivot = coefficients[k] / multiples[k]
 
         rows = coefficients - multiples * pivot
         rows[:, square] = 0.0
         rows[k] = pivot
+
+        # the errors of a condition, and of the multiple of the pivot that is subtracted from it
         errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
         errors[k] = rounding / shares[k]
-        errors[:, square] = 0.0
+        errors[:, square] = 0.0  # |p|^2 has exact coefficients
         return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
@@ -226,6 +228,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     """Return the displacements whose dual quaternions have only the given coordinates (N,).
 
     Args:
+        name: of the group, in words.
         bound: number of isolated solutions that a system of conditions has at most.
         chosen: (M,) indices of functions that are independent on the group.
     """

@@ -138,7 +138,10 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
 
 
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
+    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg.
+
+    `solutions` (solutions, k) of each leg are offsets from the reference [rad, robot lengths].
+    """
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))  # (T, k)
@@ -155,7 +158,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
     platform without attitude.
     """
     columns = robot.moving[leg.columns]
-    previous = robot.moving[leg.needed]
+    previous = robot.moving[leg.needed]  # joints of the legs on which this leg depends
     fixed = np.ones(robot.model.nv, dtype=bool)  # joints that the proof keeps where they are
     fixed[robot.moving] = False
     fixed[previous] = True
@@ -173,7 +176,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes among configurations q (T, nq): the loops close at x (n,).
+    """Return the modes among configurations q (T, nq): those whose loops close at x (n,).
 
     Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
     comes first.
