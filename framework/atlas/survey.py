@@ -126,14 +126,17 @@ def survey_window(
         shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
         constants=point,
     )
-    window = bounds
+    window = bounds  # of the first survey, and the largest of all
     for _ in range(SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 
 
 def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_limits: bool) -> Window:
-    """Return the window about the reached poses of a survey, with a margin, within bounds."""
+    """Return the window about the reached poses of a survey, with a margin, within `bounds`.
+
+    With `keep_limits` only poses within the ranges of all joints count, if there are any.
+    """
     q, reason = seed_poses(robot, survey, 1)
     reached = reason == PoseReason.REACHED
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
@@ -147,9 +150,9 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
-    The poses nearest to the reference are assembled in turn until one succeeds; the others are reached from
-    their neighbours. If cells are longer than a step may be, they are subdivided: poses between those of the
-    window are computed too, but not returned.
+    All other poses are NaN, with the reason NO_NEIGHBOUR. The poses nearest to the reference are assembled in
+    turn until one succeeds; the others are reached from their neighbours. If cells are longer than a step may
+    be, they are subdivided: poses between those of the window are computed too, but not returned.
 
     Raises:
         InvalidInput: the window is too wide.
@@ -176,7 +179,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q[i, j] = first_q
     reason[i, j] = PoseReason.REACHED
     fill_grid(robot, x, q, reason, [stride])
-    window_poses = np.s_[::subdivisions, ::subdivisions]
+    window_poses = np.s_[::subdivisions, ::subdivisions]  # without those between
     return q[window_poses].copy(), reason[window_poses].copy()
 
 

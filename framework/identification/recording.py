@@ -263,13 +263,14 @@ def record_sensors(
 
     times = np.arange(count) / sensors.rate
     times[-1] = min(times[-1], simulation.duration)
-    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
-    torques = np.asarray(torque(times))
+    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))  # (T, n_a)
+    torques = np.asarray(torque(times))  # (T, n_a)
     is_slide = np.array(robot.torque_units) == "N"  # without a gear
     steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
 
+    # the first of `recording_columns`
     columns = [
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),
@@ -286,8 +287,9 @@ def _add_sensor_errors(
     """Add normal noise to values (T, k), and round to multiples of a step.
 
     Args:
-        noise: standard deviation, for each column or one for all.
-        step: resolution likewise; columns with a step of 0 are not rounded.
+        random: draws the noise.
+        noise: standard deviation, for each column (k,) or one for all.
+        step: resolution, for each column (k,) or one for all; columns with a step of 0 are not rounded.
     """
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0
