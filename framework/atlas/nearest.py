@@ -299,7 +299,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     bisection does not work: near the end of a branch a long step may not be trusted although a shorter one
     is.
     """
-    q = segments.q.copy()
+    q = segments.q.copy()  # (K, nq) at the points reached
     length = segments.end - segments.start  # (K, n) as vectors
     sign = centre.signs_of_g(q)
     fraction = np.zeros(len(q))  # of each segment that has been passed
@@ -415,6 +415,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     continues in a new random direction.
     """
     random = np.random.default_rng(0)
+    # where the walks are
     q = np.tile(robot.reference.q, (WALKS, 1))
     x = np.tile(robot.reference.x, (WALKS, 1))
     samples_q = [q]
@@ -422,7 +423,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     direction = np.zeros_like(x)
     accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
     for _ in range(WALK_STEPS):
-        # walks that were refused take a new direction
+        # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)
         new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
         direction[~accepted] = new_direction[~accepted]

@@ -113,8 +113,8 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
             poses = list(follow_motors(robot, motors, near=mode.q))
         except NotAssembled:  # the circle meets the locus
             continue
-        q = np.array([pose.q for pose in poses])
-        x = np.array([pose.x for pose in poses])
+        q = np.array([pose.q for pose in poses])  # (T, nq)
+        x = np.array([pose.x for pose in poses])  # (T, n)
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
             g = singularity_measure(robot, linearised_at(robot, q, None)).g
             return AssemblyModeChange(cusp, motors, q, x, g)

@@ -137,7 +137,7 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
 
     With `keep_limits` only poses within the ranges of all joints count, if there are any.
     """
-    q, reason = seed_poses(robot, survey, 1)
+    q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     indices = np.argwhere(within if keep_limits and within.any() else reached)  # (poses, 2)

@@ -198,7 +198,7 @@ def workspace_map(
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
 
-    x = window.points()
+    x = window.points()  # (I, J, n)
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
     return WorkspaceMap(
@@ -223,7 +223,7 @@ def fill_band(
     Poses are filled from neighbours 4, then 2, then 1 rows or columns away. Strides that are not below that
     of the coarse poses are left out, except 1.
     """
-    x = window.points()[band.first : band.first + len(band.q)]
+    x = window.points()[band.first : band.first + len(band.q)]  # (rows, J, n) of the band
     q = band.q.copy()
     reason = band.reason.copy()
     coarse_stride = _coarse_stride(robot, window)  # of the poses that are filled already
@@ -248,7 +248,7 @@ def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
 
 def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     """Return the bands of a window with their coarse poses."""
-    q, reason = seed_poses(robot, window, _coarse_stride(robot, window))
+    q, reason = seed_poses(robot, window, _coarse_stride(robot, window))  # (I, J, nq), (I, J)
     reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # try again from nearer neighbours
     bands = []
     for first in range(0, len(q), BAND_ROWS):

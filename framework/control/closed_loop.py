@@ -293,7 +293,7 @@ def run_closed_loop(
     last = len(ref.times) - 1
     # (K, R, n_a) torques that the controller commands, and torques of the motors, which are delayed
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
-    q, v = robots.start
+    q, v = robots.start  # (R, nq), (R, nv)
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
@@ -376,7 +376,7 @@ class _VariedRobots(NamedTuple):
 
         q (R, nq) and v (R, nv) are the configurations and joint rates of the R robots.
         """
-        x, _ = self.stepper.platform(q, v)
+        x, _ = self.stepper.platform(q, v)  # without the rates
         return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:

@@ -157,7 +157,7 @@ class ControlCycle:
     @property
     def mass(self) -> Array:
         """Motor torques (n_a, n_a) for unit accelerations: torque = mass ddq_a + bias."""
-        M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
+        M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)  # (nv, nv), joint side
         return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
     @property
@@ -172,7 +172,7 @@ class ControlCycle:
         The sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
-        X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
+        X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]  # (n, nv)
         dx_dq_a = X @ self.T * robot.column_scale[robot.actuated] / robot.platform_scale[:, None]
         least = singular_values(dx_dq_a)[-1]
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
@@ -185,7 +185,7 @@ class ControlCycle:
         its largest entry [rad, robot lengths]; it is infinite if P is singular.
         """
         equations = self._equations
-        columns = self._following
+        columns = self._following  # passive joints
         equations.evaluate_pose(q)
         jacobian = equations.jacobian.take(self._independent, axis=0)
         residual = equations.residual.take(self._independent)
@@ -244,13 +244,13 @@ class ControlCycle:
                 return None
             if size > 0.0:
                 step = np.zeros(len(prediction))
-                step[self._following] = self._step
+                step[self._following] = self._step  # set by `_factor_loops`
                 q = self._integrate(q, step)
                 correction += step
                 previous_size = size
             if size < LAST_STEP:
                 break
-        else:
+        else:  # too many iterations
             return None
 
         # judge the step by the largest motion of a joint [rad, robot lengths]
@@ -312,7 +312,10 @@ class ControlCycle:
         return x, dx
 
     def _drift_acceleration(self) -> Array:
-        """Compute joint accelerations a_0 (nv,) at zero motor accelerations, by P a_p = -drift."""
+        """Compute joint accelerations a_0 (nv,) at zero motor accelerations.
+
+        With the drift dJ/dt v of the loops, those of the passive joints solve P a_p = -drift.
+        """
         if self._drift is None:
             columns = self._following
             self._drift = np.zeros(len(self.v))
@@ -323,7 +326,10 @@ class ControlCycle:
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
-        """Compute motor torques (n_a,) for joint accelerations a (nv,), rotors left out."""
+        """Compute motor torques (n_a,) [N m, N] for joint accelerations a (nv,), rotors left out.
+
+        The generalised forces of the open tree are projected by T', which eliminates the loop forces.
+        """
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:

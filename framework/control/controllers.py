@@ -103,7 +103,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
     times = np.minimum(period * np.arange(count), plan.duration)
     middles = np.minimum(times + period / 2, plan.duration)  # of the sampling periods
     motion = dynamics.motion(times)
-    x = plan.platform(times)
+    x = plan.platform(times)  # (K, n)
     return Reference(
         robot=robot,
         period=period,
@@ -287,7 +287,7 @@ class TimeVaryingLQR:
         deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
         Q = np.diag(1 / deviations.ravel() ** 2)
         R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
-        A, B = linearise_error(reference)
+        A, B = linearise_error(reference)  # of the error dynamics
         return TimeVaryingLQR(reference, solve_riccati(A, B, Q, R, reference.period))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
@@ -385,7 +385,7 @@ class ComputedTorque:
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
-        w = COMPUTED_TORQUE_FREQUENCY
+        w = COMPUTED_TORQUE_FREQUENCY  # critically damped: k_d = 2 w, k_p = w^2
         ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
 
         motion = _constrained_motion(ref, k, state, ddx)
@@ -442,7 +442,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     loop_part = -closure_drift(rows, motions)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
-    s = np.full(len(state.q), reference.law(reference.times[k]))
+    s = np.full(len(state.q), reference.law(reference.times[k]))  # path parameter of the planned wrenches
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
 
 

@@ -258,7 +258,7 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
         NotAssembled: the loops close nowhere near the reference.
     """
     require_square(robot)
-    q, x = _random_poses(robot, count, random)
+    q, x = _random_poses(robot, count, random)  # (count, nq), (count, n)
     rate = np.sqrt(gravity_scale(robot) / robot.length)  # [1/s]
     dx = rate * robot.platform_scale * random.standard_normal((count, robot.n))
     ddx = rate**2 * robot.platform_scale * random.standard_normal((count, robot.n))
@@ -383,7 +383,7 @@ def _link_sizes(link: Array) -> Array:
     mass at the origin, whose moments therefore remain zero.
     """
     mass = link[0]
-    trace = np.trace(pseudo_inertia(link)[:3, :3])
+    trace = np.trace(pseudo_inertia(link)[:3, :3])  # of the second moments: mass radius^2
     radius = np.sqrt(max(trace, 0.0) / mass)
     return mass * radius**LENGTH_POWERS
 

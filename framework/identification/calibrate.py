@@ -361,7 +361,8 @@ class GaussNewton:
         while self.steps < MAX_STEPS and damping <= MAX_DAMPING:
             self.steps += 1
             progress(self.steps)
-            change = self._damped_step(equations, damping)
+            # step the parameters, and the joints with them
+            change = self._damped_step(equations, damping)  # (p,)
             joint_steps = equations.joint_step + equations.joint_slopes @ change
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
@@ -408,7 +409,7 @@ class GaussNewton:
         identity = np.eye(len(self.prior))
         rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
         residuals = np.concatenate([residual, self.values / self.prior, np.zeros_like(self.prior)])
-        Q, R = np.linalg.qr(rows)
+        Q, R = np.linalg.qr(rows)  # the step solves R step = -Q' residuals
         return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
@@ -455,13 +456,15 @@ class GaussNewton:
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
         the noise is the assumed noise, s = 1.
         """
-        count = len(self.q) * self.equations_per_instant
+        count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)
 
         def freedom_at(noise: float) -> float:
+            """Compute the degrees of freedom N - r(s) at s = noise."""
             return count - float(np.sum(squares / (squares + noise**2)))
 
         def noise_equation(noise: float) -> float:
+            """Compute s^2 (N - r(s)) - N residual^2 at s = noise; it grows with s."""
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0
@@ -472,6 +475,7 @@ class GaussNewton:
         if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
             from scipy.optimize import brentq  # slow to import
 
+            # with N - r(s) >= 1 the solution is at most sqrt(N) residual
             upper_bound = max(residual * np.sqrt(count), 1.0)
             solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
             self.noise = float(solution)

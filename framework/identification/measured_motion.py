@@ -107,7 +107,7 @@ def measured_motion(
                 raise
             source = "platform"
     if source == "platform":
-        x = low_pass.differentiate(data.columns("platform", robot.axis_names))
+        x = low_pass.differentiate(data.columns("platform", robot.axis_names))  # (3, samples, n)
         motion = _motion_of_platform(robot, x[:, instants])
         misfit = _motor_misfit(robot, data.source, motion, filtered_joints[0, instants], instants)
     return MeasuredMotion(
@@ -226,7 +226,7 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
     """
     q_a, dq_a, ddq_a = joints
-    q = _poses_of_motors(robot, q_a, progress)
+    q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
     linearised = linearised_at(robot, q, None)
     _check_clearance(robot, q, linearised)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)

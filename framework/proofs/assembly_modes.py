@@ -176,7 +176,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
     """
     starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
-    poses, closed = close_all_loops(robot, starts, robot.following)
+    poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:
@@ -246,15 +246,16 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     sampler = _Sampler.of(robot, q)
     conditions = list[Array]()
     rounding = 0.0
-    for count, chain in enumerate(_leg_chains(robot)):
+    for count, chain in enumerate(_leg_chains(robot)):  # each chain is a leg
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
+        # the combinations of the group's functions that are zero in all poses of the leg
         R, p = sampler.sample_displacements(chain, group.only_translates)
         null_space, condition_number = _null_space(displacement_functions(R, p)[:, group.chosen])
         conditions.append(null_space)
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
     rows = np.concatenate(conditions)
-    K = group.equations
+    K = group.equations  # number of conditions that have isolated solutions
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
     if len(rows) > K:  # the homotopy needs K conditions: random combinations keep all solutions
@@ -301,10 +302,13 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     Bodies have the numbers of the joints of the tree that carry them; the base is body 0.
     """
     model = robot.model
-    forward = [_Edge(model.parents[joint], joint, joint, None, True) for joint in range(1, model.njoints)]
+    forward = [
+        _Edge(model.parents[joint], joint, joint, closure=None, forward=True)
+        for joint in range(1, model.njoints)
+    ]
     for closure in robot.description.closures:
         first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
-        forward.append(_Edge(first, second, 0, closure, True))
+        forward.append(_Edge(first, second, 0, closure, forward=True))
     edges = list[_Edge]()  # in both directions
     for edge in forward:
         edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]

@@ -222,7 +222,7 @@ def _term_vector(
     axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
     and "square" it is p.
     """
-    turn_axes, p, u, seconds = derivatives
+    turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
         axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])

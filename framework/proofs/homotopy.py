@@ -184,6 +184,7 @@ def _count_paths(
         proof: the enclosures of the ends z.
     """
     proved = proof.proved
+    # (S,) each, of the paths that arrived
     is_infinite = ends.infinite[ends.arrived] & ~proved
     is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
@@ -230,7 +231,7 @@ def solve_start_system(group: Displacements) -> StartSystem:
     random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
     """
     rng = np.random.default_rng(0)
-    z = group.random_point(rng)
+    z = group.random_point(rng)  # (N,)
     members = group.values(z[None])[0]  # (M,) at z
     # z solves a system whose coefficients are orthogonal to the members at z
     system = group.random_coefficients(rng)
@@ -241,6 +242,7 @@ def solve_start_system(group: Displacements) -> StartSystem:
     for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
+        # back to the same system by another way, on which the solutions may change places
         back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
         candidates = np.concatenate([solutions, back.z[back.arrived]])
         solutions = candidates[first_occurrences(candidates)]
@@ -328,7 +330,7 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
     start_system = solve_start_system(group)
     start = _rotate_phases(start_system.coefficients, rng)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    z, arrived = track_paths(group, start, target, start_system.z, rng)
+    z, arrived = track_paths(group, start, target, start_system.z, rng)  # (S, N), (S,)
 
     is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
     # the endgame completes these arrays
@@ -388,7 +390,8 @@ def _run_endgame(
         if segment < AGREEING_EXPONENTS:
             continue
 
-        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S) over the last A segments
+        # changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
+        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
@@ -449,6 +452,7 @@ class _LinearHomotopy(NamedTuple):
         correction returned is the size of the last Newton step, relative to |z|.
         """
         H = h[:, None]  # (S, 1) multiplies vectors
+        # rates (S, N) at the start, twice in the middle, and at the end of the step
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)

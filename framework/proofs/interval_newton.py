@@ -156,10 +156,10 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     Returns:
         The enclosures of (eta, g) and of (psi, g).
     """
-    U, _, V_rows = np.linalg.svd(P)
+    U, _, V_rows = np.linalg.svd(P)  # singular values descend, so the least one is the last
     b = U[:, :, -1:]  # (S, s, 1)
     c_row = V_rows[:, -1:]  # (S, 1, s)
-    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])
+    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])  # (S, s + 1, s + 1)
     X = approximate_inverses(M)
     M_errors = np.pad(errors + rounding, ((0, 0), (0, 1), (0, 1)))  # the border is exact
     right = _enclose_last_column(M, X, M_errors, rounding)
@@ -175,11 +175,12 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     (Rump, Acta Numerica 2010, section 10).
 
     Args:
+        X: (S, k, k) near the inverse of M.
         M_errors: (S, k, k) bounds on the change of M within a box.
         rounding: bound on the error of the entries of M at the middle.
     """
     k = M.shape[1]
-    z = X[:, :, -1]
+    z = X[:, :, -1]  # (S, k) z~
     e = np.eye(k)[-1]
     z_size = np.abs(z)
     X_size = np.abs(X)

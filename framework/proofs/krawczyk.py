@@ -47,6 +47,7 @@ class NewtonMap(NamedTuple):
     z is the offset from the point.
     """
 
+    # both real or complex
     Y: Any  # (S, k, k) near the inverse of J at the point; zero where J is singular
     root: Any  # (S, k) value of the map at the point: -Y F
     rounding: Array  # (S, k) bound on the error of `root`
@@ -116,7 +117,9 @@ def prove_existence(
     """
     S, m, k = equations.slopes.shape
     # J, values and errors of m equations and of d_p = p, which is exact; p = 0 at the middle
-    parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
+    parameter_rows = (
+        np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
+    )  # (S, k - m, k)
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.hstack([equations.slopes, parameter_rows])
     exact = np.zeros((S, k - m))

@@ -234,7 +234,7 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, chains, chain_of, kinds, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes of middles and radii (B, n) [rad, robot lengths].
+        """Enclose the m equations in boxes of middles and radii (B, n) [rad, robot lengths].
 
         The middles are offsets from q; values and slopes are those at the middles.
         """
@@ -248,7 +248,7 @@ class LegEquations:
         if self.attitude is not None:
             axes, axis_slopes = attitude_equations(frames, self.attitude)
             parts.append((axes, axis_slopes[:, :, own]))
-        values, slopes = map(np.hstack, zip(*parts, strict=True))
+        values, slopes = map(np.hstack, zip(*parts, strict=True))  # (B, m), (B, m, n)
         return LinearEnclosure(values, slopes * units, self._bound_errors(frames.q, radii))
 
     def _bound_errors(self, q: Array, radii: Array) -> Array:
@@ -378,14 +378,14 @@ class LeverChain(NamedTuple):
         levers = lengths @ self.levers.T  # (B, n)
         length = lengths @ self.length  # (B,)
 
-        turns = radii * self.turning  # (B, n)
-        turn = radii @ self.turning  # (B,) of all hinges
-        slide = radii @ self.sliding  # (B,) of all slides
+        turns = radii * self.turning  # (B, n) 0 for slides
+        total_turn = radii @ self.turning  # (B,) of all hinges
+        total_slide = radii @ self.sliding  # (B,) of all slides
         lesser = np.minimum(levers[:, :, None], levers[:, None])  # (B, n, n) lever of two hinges
-        position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + turn * slide
-        travel = (turns * levers).sum(axis=1) + slide  # of the point
+        position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + total_turn * total_slide
+        travel = (turns * levers).sum(axis=1) + total_slide  # of the point
         square = (length * position + 0.5 * travel**2) * self.robot_length
-        return ChainBounds(position, 0.5 * turn**2, square, length)
+        return ChainBounds(position, 0.5 * total_turn**2, square, length)
 
 
 def _slide_lengths(robot: ParallelRobot, q: Array) -> Array:

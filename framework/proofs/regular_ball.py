@@ -83,6 +83,7 @@ def prove_regular_ball(
     single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return single_radius
+    # the work of a cell grows as the fourth power of the number of joints
     affordable_cells = int(MAX_WORK / len(robot.moving) ** 4)
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
@@ -169,7 +170,7 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested
     alone. Then the proved ones are compared with their neighbours.
     """
-    n = len(test.x)
+    n = len(test.x)  # platform coordinates
     width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
     start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
@@ -192,6 +193,7 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     proved = select(proved, distances(proved) < partition.limit)
     if not len(proved.level):
         return 0.0
+    # the ball ends at the nearest cube without proof, or on another branch
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
     return float(distances(disagreeing).min(initial=partition.limit))
 
@@ -205,7 +207,7 @@ def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _C
         width: width of the first cube [robot lengths, rad].
         signs: (1, 2) of det dF/dq and det P on the branch.
     """
-    z = width * cubes.middles()
+    z = width * cubes.middles()  # (S, n)
     tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
@@ -230,7 +232,7 @@ def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q:
     agree = points.proved & (neighbour >= 0)
     for sharing_cells in (cells, select(cells, neighbour)):
         agree &= _contain_joint_boxes(test, sharing_cells, joints, ROUND_UP * points.radii)
-    has_pose = (nearest == 0).all(axis=1)
+    has_pose = (nearest == 0).all(axis=1)  # the cube about the pose
     agree[has_pose] &= _contain_joint_boxes(test, select(cells, has_pose), q, LOOP_GAP)
     return agree
 

@@ -349,7 +349,7 @@ class SingularBoxTest:
             The other boxes, the parts of them in which the loops may close, and the derivatives and loop
             equations in these boxes.
         """
-        n = self.bounds.robot.n
+        n = self.bounds.robot.n  # the first n equations are those of the platform
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
         errors = derivatives.remainders(boxes.radii).values
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
@@ -390,7 +390,7 @@ class SingularBoxTest:
             radii: (S, k) of the boxes.
             wider: (S, k) radii of the boxes in which changes of the slopes are bounded.
         """
-        n = self.bounds.robot.n
+        n = self.bounds.robot.n  # the first n equations are those of the platform
         remainders = derivatives.remainders(wider)
         valid, g, g_changes = enclose_measure(self.block, derivatives, remainders)
         g_errors = ROUND_UP * (g.errors + np.matvec(g_changes, radii))

@@ -145,7 +145,7 @@ class Displacements:
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
-        z, direction = complex_normal(rng, (2, self.size))
+        z, direction = complex_normal(rng, (2, self.size))  # (N,) each
         for S in self.fixed:  # z + t direction is on the quadric at the roots t
             t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
             z = z + t[0] * direction
@@ -153,8 +153,8 @@ class Displacements:
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
         """Draw complex coefficients (K, M), each row of unit size."""
-        c = complex_normal(rng, (self.equations, len(self.members)))
-        return c / np.linalg.norm(c, axis=1, keepdims=True)
+        rows = complex_normal(rng, (self.equations, len(self.members)))
+        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
         """Return whether the equations depend on one another, so that no solution is isolated.

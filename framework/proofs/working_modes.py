@@ -124,12 +124,12 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
     starts = draw_starts(robot, robot.reference.q, columns, RANDOM_STARTS)
-    q, closed = close_all_loops(robot, starts, columns, platform_equations)
-    q = q[closed]
+    ends, closed = close_all_loops(robot, starts, columns, platform_equations)
+    q = ends[closed]  # (T, nq)
     # an idle spin would make equal solutions differ
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
 
-    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]
+    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]  # (T, moving joints)
     solutions = []
     for leg in legs(robot):
         joints = offsets[:, leg.columns]
@@ -186,12 +186,12 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     linearised = linearised_at(robot, q, np.tile(x, (len(q), 1)))
     signs = leg_signs(robot, linearised)
     motors = robot.actuated_coordinates(q)
-    lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
-    is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
+    units = np.concatenate([robot.platform_scale, robot.loop_lengths])  # of the equations
+    is_closed = np.abs(linearised.residual / units).max(axis=1) < LOOP_GAP
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
-    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
+    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m], only to sort the modes
     modes = []
-    for k in np.lexsort([distances, ~within_limits]):
+    for k in np.lexsort([distances, ~within_limits]):  # the last key comes first
         if is_closed[k]:
             proved = has_one_solution_near(robot, q[k], platform_locked=True)
             modes.append(WorkingMode(q[k], motors[k], signs[k], proved, bool(within_limits[k])))
