@@ -195,14 +195,14 @@ def _spread_directions(n: int) -> Array:
     by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
     height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
-    count = RAYS[n]
+    count = RAYS[n]  # K
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
         return np.column_stack([np.cos(angle), np.sin(angle)])
     if n == 3:
         z = 1 - (2 * k + 1) / count
-        angle = np.pi * (1 + np.sqrt(5)) * k
+        angle = np.pi * (1 + np.sqrt(5)) * k  # the golden angle, up to whole turns
         radius = np.sqrt(1 - z**2)
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
@@ -326,7 +326,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
     the slopes are zero, or near the end of a branch.
     """
-    q, z = pose
+    q, z = pose  # configuration (nq,), offset (n,) from the centre
     for _ in range(MAX_FOOT_STEPS):
         linearised = _linearise_g(centre, q, z)
         if linearised is None:

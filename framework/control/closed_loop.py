@@ -233,6 +233,7 @@ class RunMonitor:
         """
         is_near_plan = self.worst <= loop.tolerance
         is_near_end = self.error <= loop.end
+        # runs that have diverged have their reasons already
         for run in np.flatnonzero(self.alive & ~is_near_plan):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
         for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
@@ -252,7 +253,8 @@ class RunMonitor:
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Return the torque limits (n_a,) [N m] of the loop.
 
-    By default they are the limits of the robot file, or 10 times the plan's peaks for motors without one.
+    By default they are the limits of the robot file. A motor without one has 10 times the plan's peak, which
+    only a diverging run asks for.
 
     Raises:
         InvalidInput: an invalid limit.
@@ -331,10 +333,10 @@ def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
 class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches."""
 
-    reference: Reference
-    stepper: Stepper
+    reference: Reference  # the planned motion
+    stepper: Stepper  # computes the motion of all robots over one period
     start: State  # q (R, nq), v (R, nv)
-    world: WorldForces
+    world: WorldForces  # external wrenches
     delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
     smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
@@ -362,6 +364,8 @@ class _VariedRobots(NamedTuple):
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
+
+        # delays of the runs in sampling periods, noise of the encoders, friction of the motors
         periods = np.rint([variation.delay / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]
@@ -411,12 +415,12 @@ class _VariedRobots(NamedTuple):
         rates.
         """
         ref = self.reference
-        world = None
+        world = None  # forces of the external wrenches
         if self.world.acts:
-            middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
+            middle_time = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))  # (R,)
             q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)
             models = [robot.model for robot in self.stepper.stack.robots]
-            world = self.world(ref.robot, middle, q_middle, models)
+            world = self.world(ref.robot, middle_time, q_middle, models)
         speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
         friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
         return self.stepper.step(q, v, torque - friction, ref.period, world=world)

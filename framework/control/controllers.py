@@ -72,7 +72,7 @@ class Reference(ReadOnlyArrays):
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
-    law: MotionLaw
+    law: MotionLaw  # path parameter over time
     wrenches: ExternalWrenches  # external wrenches, as planned
 
     @property
@@ -230,7 +230,7 @@ class FeedforwardPD:
     """tau = tau_plan + k_p (motor angle error) + k_d (motor speed error)."""
 
     reference: Reference
-    feedback: MotorControl
+    feedback: MotorControl  # gains k_p, k_d of each motor
 
     @staticmethod
     def tune(reference: Reference) -> FeedforwardPD:
@@ -413,7 +413,7 @@ class _Motion(NamedTuple):
     v: Array  # (R, nv)
     a: Array  # (R, nv)
     loops: Array  # (R, m, nv) J
-    wrenches: tuple[AppliedWrench, ...]
+    wrenches: tuple[AppliedWrench, ...]  # external ones at these poses
 
 
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:

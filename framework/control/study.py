@@ -97,6 +97,9 @@ def run_study(
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
 
     Args:
+        controller: drives the robots along its planned motion.
+        loop: torque limits, sensors and tolerances.
+        spread: of the robots about the controller's model.
         name: name of the controller in the result.
         executor: computes chunks of runs; by default this process does. It must be able to pickle the
             controller.
@@ -156,6 +159,7 @@ def run_chunk(
     """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
 
     Args:
+        controller, loop, spread: those of `run_study`: controller, tolerances, spread of the robots.
         seed: seed of the study.
         chunk: numbers of the runs.
         report_progress: called with the finished share of the motion.

@@ -420,6 +420,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         if (values[part] != links.values[part]).any():
             write_inertial(elements[name], values[part])
 
+    # (n_a, 3) rotor inertia, damping and friction of each motor
     motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
     joints = dict(description.joints)

@@ -132,6 +132,7 @@ def format_combination(names: Sequence[str], coefficients: Array) -> str:
     terms = []
     for k in nonzero[:MAX_TERMS]:
         value = coefficients[k]
+        # a coefficient of 1 or -1 is not written
         factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
     if len(nonzero) > MAX_TERMS:

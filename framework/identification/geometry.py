@@ -141,7 +141,7 @@ def _insert_origin_joint(urdf: Element, joint: Element) -> str:
     parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
     origin = joint.find("origin")
     fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
-    parent.set("link", link)
+    parent.set("link", link)  # the moving joint now starts at the new link
     if origin is not None:
         joint.remove(origin)
         fixed.append(origin)
@@ -188,6 +188,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     """Select the measurements of a recording that calibration uses.
 
     Args:
+        geometry: the robot, and its model with the parameters.
         data: the recording.
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
             [m]. For turns of the platform its deviation is divided by the robot's length.
@@ -199,6 +200,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     model = geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
+    # measured coordinates of the platform, and positions of its frame that are no coordinates
     axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
     positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
     names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
@@ -207,11 +209,11 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
             f"{data.source}: motor angles alone do not determine the geometry; platform_"
             f"{robot.axis_names[0]} or angles of other joints are needed"
         )
-    coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
-    deviations = [
+    axis_indices = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
+    deviations = [  # of motors, encoders, coordinates and positions, like all columns
         *(noise["motor_angle"] / np.abs(robot.gear_ratio)),
         *[noise["joint"]] * len(encoders),
-        *(noise["platform"] * robot.platform_scale[coordinates] / robot.length),
+        *(noise["platform"] * robot.platform_scale[axis_indices] / robot.length),
         *[noise["platform"]] * len(positions),
     ]
     return Measurements(
@@ -219,7 +221,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
         values=np.column_stack([motors, *map(data.column, names)]),
         noise=np.array(deviations),
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
-        axes=coordinates,
+        axes=axis_indices,
         positions=np.array([LINEAR_AXES.index(axis) for axis in positions], dtype=np.intp),
     )
 

@@ -303,16 +303,22 @@ def _fit_possible_bodies(
     file's value.
 
     Args:
-        estimate: least squares estimate from the same rows.
+        base, links: the base parameters, and the parameters of single links and motors.
+        rows: whitened equations of the p parameters of bodies and motors.
+        estimate: least squares estimate of the base parameters from the same rows.
         prior: standard deviation of the file's values, over the sizes of each link's parameters.
     """
+    # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
+    # so small that their inverse squares swamp the other entries of the matrix
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
     prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
+
+    # normal equations (p, p), (p,) of all rows, about the file's values
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows
     misfit = rows.right - rows.matrix @ base.described.values
-    residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
+    residual = rows.matrix.T @ misfit / estimate.noise**2
     return fit_possible_parameters(base.robot, links, information, residual, prior)
 
 
@@ -405,7 +411,7 @@ def _minimise_misfit(
         information, residual: A'A (p, p) and A'r (p,) of rows A with unit noise.
         deviation: (u,) prior standard deviations of the parameters.
     """
-    T = links.to_parameters * deviation  # (p, u)
+    T = links.to_parameters * deviation  # (p, u) in units of the prior deviations
     w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
     root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
     change = deviation[:, None] * V / root

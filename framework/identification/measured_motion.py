@@ -318,10 +318,10 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.
     """
-    offset = robot.actuated_coordinates(motion.q) - q_a
+    offset = robot.actuated_coordinates(motion.q) - q_a  # (T, n_a) [rad, m]
     turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
     distance = np.abs(offset - turns) / robot.column_scale[robot.actuated]
-    k, motor = np.unravel_index(distance.argmax(), distance.shape)
+    k, motor = np.unravel_index(distance.argmax(), distance.shape)  # instant and motor of the largest one
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(

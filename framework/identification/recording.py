@@ -79,6 +79,7 @@ def recording_columns(robot: ParallelRobot) -> Names:
     """Return all column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
+    # a tracker measures positions even if they are no coordinates of the platform
     axes = dict.fromkeys([*robot.axis_names, *LINEAR_AXES])
     return (
         "time",
@@ -109,6 +110,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     if repeated:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
 
+    # read the columns of this robot, and skip empty lines
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
     if len(rows) < 2:
@@ -137,7 +139,7 @@ def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Seq
         try:
             number = float(cells[k])
         except ValueError:
-            number = np.nan
+            number = np.nan  # refused like any other that is not finite
         if not np.isfinite(number):
             raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
         numbers.append(number)

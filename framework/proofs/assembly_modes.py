@@ -297,9 +297,10 @@ def _displacement_group(robot: ParallelRobot) -> Displacements | None:
 
 
 def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
-    """Yield all chains from the base to the platform's body that visit no body twice.
+    """Yield all chains of edges from the base to the platform's body that visit no body twice.
 
-    Bodies have the numbers of the joints of the tree that carry them; the base is body 0.
+    An edge is a joint of the tree or a closure, in one of both directions. Bodies have the numbers of the
+    joints of the tree that carry them; the base is body 0.
     """
     model = robot.model
     forward = [

@@ -131,8 +131,8 @@ class DerivativeBounds:
 class Derivatives(NamedTuple):
     """Values and derivatives of the R equations at the middles of S boxes."""
 
-    bounds: DerivativeBounds
-    frames: FrameStack
+    bounds: DerivativeBounds  # of the equations
+    frames: FrameStack  # at the middles
     values: Array  # (S, R) loop residuals; the platform's rows are not the values of its coordinates
     slopes: Array  # (S, R, k) first derivatives along the joints
     hessians: Array  # (S, R, k, k) second derivatives

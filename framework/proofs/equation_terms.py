@@ -58,7 +58,7 @@ Ends = tuple[int, int]  # first and second frame, as indices into Mechanism.fram
 class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
-    ends: Ends
+    ends: Ends  # the two frames
     in_moving: IntArray  # (L,) indices of the joints in `ParallelRobot.moving`
     columns: IntArray  # (L,) indices of the joints in pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame, else 1
@@ -77,7 +77,7 @@ class Term(NamedTuple):
     kind: str  # point: axis . p; direction: axis . second axis; square: p . p; turn: axis . rotation
     first_axis: int  # of the first frame, 0..2
     second_axis: int = 0  # of the second frame, 0..2, in a direction
-    factor: float = 1.0
+    factor: float = 1.0  # of the product
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
@@ -122,7 +122,7 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
     """Return the chain of the moving joints between two frames, `ends` (first, second)."""
-    moving = robot.moving.tolist()
+    moving = robot.moving.tolist()  # columns of the velocity vector
     indices = list[int]()
     signs = list[float]()
     for joint, sign in joints_between(robot, *ends):

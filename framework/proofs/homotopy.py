@@ -93,7 +93,7 @@ class RealSolutions(ReadOnlyArrays):
     R: Array  # (k, 3, 3) rotations of the displacements
     p: Array  # (k, 3) translations, in the unit of the conditions
     proved: BoolArray  # (k,) to exist, to be real and to be single
-    count: PathCount
+    count: PathCount  # how the paths end
     status: Status  # in which sense these are all real solutions
 
 

@@ -78,7 +78,7 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 
     # each equation bounds each unknown; the intersection of all intervals remains
     with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
+        root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)  # middle of the interval
         rounding = 8 * UNIT_ROUNDOFF * np.abs(root)
         half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
     lower = np.maximum((root - half_width).max(axis=1), -radii)

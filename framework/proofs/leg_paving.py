@@ -157,6 +157,7 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
         all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
         is_open = ~remaining.empty & ~known.contains(all_narrow)
 
+        # narrow the boxes that may hold another solution again, halve them, or leave them undecided
         narrow = select(all_narrow, is_open)
         is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
         no_axis = np.full(narrow.size, NO_AXIS)

@@ -116,7 +116,7 @@ class _Cubes(NamedTuple):
 
     level: IntArray  # (S,) number of halvings of the first cube
     numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
-    cells: Cells
+    cells: Cells  # of S
 
     @property
     def widths(self) -> Array:

@@ -83,7 +83,7 @@ class SingularPaving:
     window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
     resolution: float  # [m, robot lengths] largest width of proved boxes
     reach: float  # [robot lengths] of slides about the reference; hinges turn all the way round
-    seconds: float
+    seconds: float  # computing time
 
     @property
     def complete(self) -> bool:
@@ -139,6 +139,7 @@ def pave_singularities(
         )
         if region.shape != (2, robot.n) or not (region[0] < region[1]).all():
             raise InvalidInput(f"window: needs (2, {robot.n}) numbers, the least and the largest")
+
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(

@@ -145,8 +145,8 @@ def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))  # (T, k)
-    offsets = offsets * robot.column_scale[columns]
-    return integrate_columns(robot, robot.reference.q, columns, offsets)
+    steps = offsets * robot.column_scale[columns]  # [rad, m]
+    return integrate_columns(robot, robot.reference.q, columns, steps)
 
 
 def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
@@ -154,8 +154,8 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
     Solutions are offsets from the reference [rad, robot lengths]. The legs on which this leg depends are
     placed as in each of the modes q (T, nq) in turn, with the platform at x (n,). Without modes, T = 0, the
-    proof is that the leg has no solution at all: only for a leg that depends on no other one, and only for a
-    platform without attitude.
+    proof is that the leg has no solution at all. It is made only for a leg that depends on no other one, and
+    only for a platform without attitude, because no mode shows where other legs and the attitude are.
     """
     columns = robot.moving[leg.columns]
     previous = robot.moving[leg.needed]  # joints of the legs on which this leg depends
