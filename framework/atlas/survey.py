@@ -186,12 +186,12 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
 def _assemble_first(robot: ParallelRobot, x: Array, candidates: IntArray) -> tuple[int, int, Array]:
     """Assemble one of the poses x (I, J, n); return its indices i, j and its configuration (nq,).
 
-    The candidates (c, 2) are tried in turn.
+    The candidates (c, 2), rows and columns of poses, are tried in turn.
 
     Raises:
         OutOfReach: none of them is reached; gives the reason of the first.
     """
-    refusals = list[NoAnswer]()
+    refusals = list[NoAnswer]()  # of the candidates
     for i, j in candidates:
         try:
             return i, j, assemble(robot, x[i, j]).q

@@ -344,17 +344,17 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         stride: distance between the poses of the search [rows or columns].
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
-    coarse = np.zeros_like(unjoined)
+    coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
     row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
     random = np.random.default_rng(0)
-    for size in OFFSETS:
-        is_searched = coarse & np.isnan(other_q[..., 0])
+    for offset_size in OFFSETS:
+        is_searched = coarse & np.isnan(other_q[..., 0])  # nothing found so far
         start = q[row[is_searched], column[is_searched]]
-        offset = size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
+        offset = offset_size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 

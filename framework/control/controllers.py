@@ -161,7 +161,7 @@ class Controller(Protocol):
         """The planned motion that the controller follows."""
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m], motor side, at sampling instant k."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         ...
 
 
@@ -249,7 +249,10 @@ class FeedforwardPD:
         return FeedforwardPD(reference, MotorControl.of(inertia, w))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
+
+        They are the planned torques plus feedback of the errors of the measured motor angles and speeds.
+        """
         ref = self.reference
         angle_error = ref.motor_angle[k] - measurement.motor_angle
         speed_error = ref.motor_speed[k] - measurement.motor_speed
@@ -291,7 +294,10 @@ class TimeVaryingLQR:
         return TimeVaryingLQR(reference, solve_riccati(A, B, Q, R, reference.period))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
+
+        They are the planned torques plus the gain of the instant times the errors of the platform.
+        """
         ref = self.reference
         state = estimate_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
@@ -376,7 +382,7 @@ class ComputedTorque:
         return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m] at sampling instant k.
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
         They are infinite where the naive controller divides by zero. The open tree needs the generalised
         forces r. Its passive joints (p) determine the multipliers lambda of the loops by P' lambda = r_p. The
@@ -395,13 +401,14 @@ class ComputedTorque:
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
 
-        if self.multipliers is None:
+        if self.multipliers is None:  # naive
             multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
             multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
 
-        torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
+        # torques behind the gears (R, nv), and those that accelerate the rotors
+        torque = (r - matvec(J_T, multipliers)) / robot.column_scale
         rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
         return rotor_torque + torque[:, robot.actuated] / robot.gear_ratio
 

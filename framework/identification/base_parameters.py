@@ -329,20 +329,20 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     """
     urdf = fromstring(robot.description.urdf_text)
     links = elements_by_name(urdf, "link").items()
-    in_file = {name: read_inertial_parameters(link) for name, link in links}
-    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
+    in_file = {name: read_inertial_parameters(link) for name, link in links}  # (10,) each, mass first
+    with_mass = {name: values for name, values in in_file.items() if values[0] > 0.0}
 
     frames: list[pin.Frame] = []  # of the links with mass, body by body
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
     for i, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
-            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
                 frames.append(frame)
                 columns.append(_link_columns(robot, parameters, i, frame))
 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
-    link_values = [heavy[frame.name] for frame in frames]
+    link_values = [with_mass[frame.name] for frame in frames]
     return LinkParameters(
         links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),

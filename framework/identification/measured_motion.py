@@ -90,9 +90,7 @@ def measured_motion(
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     instants = low_pass.choose_instants(len(data))
     filtered_torque = low_pass.filter(torque)
-    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(
-        2.0 * low_pass.cutoff * period
-    )  # (n_a,)
+    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
 
     filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a) with two derivatives
 

@@ -279,17 +279,19 @@ def track_paths(
     quadrics = group.quadrics(start)
     homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
-    t = np.zeros(len(z))
+    t = np.zeros(len(z))  # (S,) of each path, like the next two
     step = np.full(len(z), FIRST_STEP)
-    good_steps = np.zeros(len(z), dtype=int)
+    good_steps = np.zeros(len(z), dtype=int)  # successive ones
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
+        # step, and keep the good steps
         h = np.minimum(step[live], 1.0 - t[live])  # not beyond t = 1
         ahead, correction = homotopy.advance(z[live], t[live], h)
         is_good = correction < NEWTON_STEP
         z[live[is_good]] = ahead[is_good]
         t[live[is_good]] += h[is_good]
 
+        # adapt the step of each path
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
         grows = good_steps[live] >= STEPS_BEFORE_GROWTH
         good_steps[live[grows]] = 0  # count again
@@ -381,6 +383,7 @@ def _run_endgame(
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         if not live.any():
             break
+        # track all paths to the end of the next segment; those that do not arrive there are lost
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
         tracked = track_paths(group, segment_start, segment_end, last[live], rng)
         last[live] = tracked.z
@@ -390,7 +393,7 @@ def _run_endgame(
         if segment < AGREEING_EXPONENTS:
             continue
 
-        # changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
+        # classify: changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
         changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])

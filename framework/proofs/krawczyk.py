@@ -117,9 +117,7 @@ def prove_existence(
     """
     S, m, k = equations.slopes.shape
     # J, values and errors of m equations and of d_p = p, which is exact; p = 0 at the middle
-    parameter_rows = (
-        np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
-    )  # (S, k - m, k)
+    parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.hstack([equations.slopes, parameter_rows])
     exact = np.zeros((S, k - m))

@@ -147,7 +147,8 @@ class _Cubes(NamedTuple):
         The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
         them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
         of the one about the pose, clipped to the range from one before to one behind the smallest cubes
-        within the cube. The neighbour is the cube in which that smallest cube lies.
+        within the cube. So it lies within the cube only along axes along which the cube contains the pose.
+        The neighbour is the cube in which that smallest cube lies.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
@@ -158,7 +159,8 @@ class _Cubes(NamedTuple):
         index_of = {tuple(key): index for index, key in enumerate(keys)}
         neighbour = np.full(len(keys), -1)
         for level in np.unique(self.level).tolist():
-            ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
+            # numbers (S, n) of the cubes of this level that contain them: each level halves the numbers
+            ancestors = inward >> (MAX_CUTS - level)
             for k, numbers in enumerate(ancestors.tolist()):
                 neighbour[k] = index_of.get((level, *numbers), neighbour[k])
         return neighbour
