@@ -179,6 +179,7 @@ def choose_quantities(
         names += ["stiffness", "frequency"] if has_springs else []
     names = ["g", *names]
 
+    # refuse quantities that this robot does not have
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
@@ -197,6 +198,7 @@ def choose_quantities(
             )
     quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))  # each once
 
+    # store the wrench in the quantities that depend on it
     if wrench is None:
         return quantities
     if not any(quantity.takes_wrench for quantity in quantities):

@@ -187,8 +187,9 @@ def workspace_map(
     choice = choose_quantities(robot, quantities, wrench)
     window = survey_window(robot) if window is None else window
 
+    # fill the bands; each pose belongs to one of them
     bands = {band.name: band for band in _make_bands(robot, window)}
-    width = window.shape[1]
+    width = window.shape[1]  # poses of a row
     grids = complete_chunks(
         partial(fill_band, robot, window, choice),
         bands,
@@ -198,6 +199,7 @@ def workspace_map(
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
 
+    # reach poses across the borders of bands, and find out why others are not reached
     x = window.points()  # (I, J, n)
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))

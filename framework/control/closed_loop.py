@@ -118,6 +118,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
+    # they add up, so the body changes by the change of its payload
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
     if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
@@ -392,7 +393,8 @@ class _VariedRobots(NamedTuple):
         """
         ref = self.reference
         robot = ref.robot
-        noise, rates = np.zeros_like(v), v
+        noise = np.zeros_like(v)
+        rates = v
         if self.noise is not None:
             noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
             rates = v + rate_noise

@@ -297,7 +297,7 @@ class ControlCycle:
         linear, w = self._equations.platform_twist()  # velocity and angular velocity, (3,) each
         attitude = platform.attitude
         position = self._equations.platform_origin
-        if platform.is_point:
+        if platform.is_point:  # its coordinates are positions along base axes
             return position[platform.along], linear[platform.along]
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]

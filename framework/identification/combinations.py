@@ -72,7 +72,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
         regressor: derivatives of the data with respect to the p parameters.
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
     """
-    columns = regressor * sizes
+    columns = regressor * sizes  # for parameters in units of their typical sizes
     lengths = np.linalg.norm(columns, axis=0)
     has_effect = lengths > RANK_ROUNDING * lengths.max(initial=0.0)
     effective = np.flatnonzero(has_effect)

@@ -201,7 +201,7 @@ class LegEquations:
             q: (nq,) configuration, assembled at x if x contains rotations.
             x: (platform coordinates,) of the platform; None with locked motors.
         """
-        carried = scratch_of(robot).carried
+        carried = scratch_of(robot).carried  # (frames, nv) whether a joint carries a frame
         rows = robot.rows
         free = ~fixed  # columns of joints that are neither fixed nor the leg's
         free[own] = False

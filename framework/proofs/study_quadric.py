@@ -166,15 +166,15 @@ class Displacements:
         """
         rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
-        first = self.members[0]
+        first = self.members[0]  # f_1
         for _ in range(2):
             z = self.random_point(rng)
             gradients = quadrics @ z  # (K + F, N) half the gradients of f_k and of the fixed quadric
             quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
             # the quotient rule gives f_1 / 2 times the gradients of f_k / f_1
             gradients[: self.equations] -= np.outer(quotients, first @ z)
-            sizes = singular_values(gradients)
-            if sizes[-1] > RANK_ROUNDING * sizes[0]:
+            sigma = singular_values(gradients)  # descending
+            if sigma[-1] > RANK_ROUNDING * sigma[0]:
                 return False
         return True
 
