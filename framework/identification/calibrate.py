@@ -464,7 +464,7 @@ class GaussNewton:
             return count - float(np.sum(squares / (squares + noise**2)))
 
         def noise_equation(noise: float) -> float:
-            """Compute s^2 (N - r(s)) - N residual^2 at s = noise; it grows with s."""
+            """Compute s^2 (N - r(s)) - N residual^2, which grows with s = noise."""
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0

@@ -216,11 +216,12 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> tuple[Array, Array, Array]:
-    """Return the vector (S, 3) of a term, with its first (S, L, 3) and second derivatives (S, L, L, 3).
+    """Return the vector (S, 3) of a term, with two derivatives.
 
-    The kind of the term decides. For "direction" the vector is an axis of the second frame, for "turn" the
-    axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
-    and "square" it is p.
+    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. The kind of the
+    term decides. For "direction" the vector is an axis of the second frame, for "turn" the axial vector of
+    the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is
+    p.
     """
     turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":

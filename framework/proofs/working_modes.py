@@ -176,7 +176,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes among configurations q (T, nq): those whose loops close at x (n,).
+    """Return the modes among q (T, nq), the configurations with closed loops at x (n,).
 
     Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
     comes first.
