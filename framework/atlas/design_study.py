@@ -155,7 +155,7 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
-    """Return the units of the columns, by name."""
+    """Return the units of the columns of a study, by name."""
     edge_units = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
     area_unit = f"{edge_units.pop()}^2" if len(edge_units) == 1 else "m rad"
     units = {key: area_unit for key in column_names(task) if key.endswith("area")}
@@ -166,13 +166,13 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
 
 
 def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
-    """Map the robot of one design (P,); return the statistics of the map by column."""
+    """Map the robot of one design (P,), as the task says; return the statistics of the map by column."""
     parameters = dict(zip(task.names, design, strict=True))
     robot = task.robot(parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
-        lower, upper = np.reshape(task.window, (2, 2)).T
+        lower, upper = np.reshape(task.window, (2, 2)).T  # of the first and the second axis
         shape = (task.size, task.size)
         window = Window(map_axes(robot, task.axes), lower, upper, shape, robot.reference.x)
     return _statistics(workspace_map(robot, window, task.keys))

@@ -96,7 +96,7 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     first, second = workspace.window.spans
     curves = workspace.locus.curves
     # empty arrays, so that a locus without curves is stored with the same number of columns
-    no_x = np.zeros((0, 2))
+    no_x = np.zeros((0, 2))  # points of curves are over the two coordinates of the map
     no_q = np.zeros((0, workspace.q.shape[2]))
     arrays = {
         "first": first,

@@ -66,7 +66,7 @@ class NearestSingularPose(ReadOnlyArrays):
     distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
     x: Array | None = None  # (n,) platform coordinates of this pose
     q: Array | None = None  # (nq,)
-    twist: Array | None = None  # (n,) t_s, see `twist_norm`
+    twist: Array | None = None  # (n,) t_s of the escaping motion there, of unit size (`twist_norm`)
 
     @property
     def status(self) -> str:
@@ -106,12 +106,15 @@ def nearest_singular_pose(
 
     assembled = assembled_at(robot, q)
     centre = _Centre(robot, assembled.q[0], assembled.x[0])
-    unit_length, unit = distance_unit(robot)
+    unit_length, unit = distance_unit(robot)  # of distances in the result
     reach = 0.5 if within is None else positive("within", within) / unit_length
+
+    # search the nearest pose along rays; all distances are in robot lengths and rad from here on
     directions = _spread_directions(robot.n)
     crossed, ended = _follow_rays(centre, directions * reach)
     nearest = _nearest_singular(centre, crossed, reach)
 
+    # prove that no singular pose is nearer
     radius = reach if nearest is None else nearest.distance
     proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
     result = NearestSingularPose(
@@ -143,7 +146,10 @@ class _Centre(NamedTuple):
         return self.x + z * self.robot.platform_scale
 
     def step(self, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
-        """Continue configurations q (T, nq) from offsets `start` to `end` (T, n), see `step_poses`."""
+        """Continue configurations q (T, nq) from offsets `start` to `end` (T, n).
+
+        A step that is not trusted is divided into `parts`, see `step_poses`.
+        """
         return step_poses(self.robot, q, self.coordinates(start), self.coordinates(end), parts)
 
     def signs_of_g(self, q: Array) -> Array:
@@ -183,20 +189,20 @@ class _Poses(NamedTuple):
 
 
 def _spread_directions(n: int) -> Array:
-    """Return evenly spread unit vectors (K, n).
+    """Return evenly spread unit vectors (K, n), with K from `RAYS`.
 
     With two coordinates they are on a circle. With three they are on a spiral around the sphere, which turns
     by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
     height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
-    count = RAYS[n]
+    count = RAYS[n]  # K
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
         return np.column_stack([np.cos(angle), np.sin(angle)])
     if n == 3:
         z = 1 - (2 * k + 1) / count
-        angle = np.pi * (1 + np.sqrt(5)) * k
+        angle = np.pi * (1 + np.sqrt(5)) * k  # the golden angle, up to whole turns
         radius = np.sqrt(1 - z**2)
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
@@ -207,11 +213,13 @@ def _spread_directions(n: int) -> Array:
 def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegments]:
     """Follow rays (K, n) from the centre; return segments with sign changes of g, segments with ends.
 
-    A ray ends with its first segment in which g changes its sign or the branch ends.
+    The rays are vectors of equal length [robot lengths, rad]. Only the segments nearest to the centre are
+    returned (`_join_nearest`). A ray ends with its first segment in which g changes its sign or the branch
+    ends.
     """
-    count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # all rays are of one length
+    count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # segments of a ray
     q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
-    sign = centre.signs_of_g(q[:1])
+    sign = centre.signs_of_g(q[:1])  # (1,) at the centre
     crossed: list[_RaySegments] = []
     ended: list[_RaySegments] = []
     for k in range(count):
@@ -233,7 +241,10 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
 
 
 def _join_nearest(segments: list[_RaySegments]) -> _RaySegments:
-    """Join the segments that start within FAR_RATIO times the distance of the nearest end."""
+    """Join the segments that start within FAR_RATIO times the distance of the nearest end.
+
+    Segments farther away cannot hold the nearest pose.
+    """
     joined = join(segments)
     nearest_end = np.linalg.norm(joined.end, axis=1).min(initial=np.inf)
     return select(joined, np.linalg.norm(joined.start, axis=1) <= FAR_RATIO * nearest_end)
@@ -242,7 +253,8 @@ def _join_nearest(segments: list[_RaySegments]) -> _RaySegments:
 def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
-    Candidates are foot points, and the nearest sign change at which g is zero to rounding.
+    Candidates are foot points, and the nearest sign change at which g is zero to rounding. The foot points
+    are sought from the sign changes on the segments `crossed`, the nearest first.
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
@@ -253,7 +265,10 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _
 
 
 def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
-    """Compute the distance of the centre from the nearest Type 1 end; infinite without one."""
+    """Compute the distance of the centre from the nearest Type 1 end; infinite without one.
+
+    The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
+    """
     ends = _locate_ends(centre, ended)
     matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, None))
     is_type_1 = _least_singular_values(matrices) < TYPE_1_END
@@ -278,18 +293,19 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
 
 
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
-    """Advance the starts of segments (K,) towards the sign change or end, by bisection.
+    """Advance the starts of K segments towards the sign change or end, by bisection.
 
-    A step is repeated while it is accepted, and halved when it is refused. A simple bisection does not work:
-    near the end of a branch a long step may not be trusted although a shorter one is.
+    A step is repeated while it is accepted, and halved when it is refused, `halvings` times. A simple
+    bisection does not work: near the end of a branch a long step may not be trusted although a shorter one
+    is.
     """
-    q = segments.q.copy()
+    q = segments.q.copy()  # (K, nq) at the points reached
     length = segments.end - segments.start  # (K, n) as vectors
     sign = centre.signs_of_g(q)
     fraction = np.zeros(len(q))  # of each segment that has been passed
-    size = np.full(len(q), 0.5)  # fraction of the segment that the next step takes
-    while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
-        next_fraction = (fraction + size)[live]
+    step_fraction = np.full(len(q), 0.5)  # of the segment that the next step takes
+    while (live := np.flatnonzero(step_fraction > 0.5 ** (halvings + 1))).size:
+        next_fraction = (fraction + step_fraction)[live]
         step_start = segments.start[live] + length[live] * fraction[live, None]
         step_end = segments.start[live] + length[live] * next_fraction[:, None]
         step = centre.step(q[live], step_start, step_end)
@@ -299,7 +315,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
 
         q[live[accepted]] = step.q[accepted]
         fraction[live[accepted]] = next_fraction[accepted]
-        size[live[~accepted]] *= 0.5
+        step_fraction[live[~accepted]] *= 0.5
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
@@ -307,16 +323,17 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
-    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2.
+    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
+    the slopes are zero, or near the end of a branch.
     """
-    q, z = pose
+    q, z = pose  # configuration (nq,), offset (n,) from the centre
     for _ in range(MAX_FOOT_STEPS):
         linearised = _linearise_g(centre, q, z)
         if linearised is None:
             return None
         g, a = linearised
         square = a @ a
-        if not square > 0:
+        if not square > 0:  # zero, or NaN
             return None
         step = a * (a @ z - g) / square - z
         distance = float(np.linalg.norm(step))
@@ -333,7 +350,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
 
 
 def _linearise_g(centre: _Centre, q: Array, z: Array) -> tuple[float, Array] | None:
-    """Compute g and its slopes (n,) along z at q (nq,), z (n,).
+    """Compute g and its slopes (n,) along z at the configuration q (nq,), with the offset z (n,).
 
     The slopes are central differences between neighbours of z along the axes. The result is None if a
     neighbour is not reached, near an end of the branch.
@@ -365,7 +382,7 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     search = PoseSearch(robot)
-    sampled_q, sampled_x = _sample_poses(robot)
+    sampled_q, sampled_x = _sample_poses(robot)  # (S, nq), (S, n)
     ends: list[NearestPose] = []
     for k in _choose_starts((sampled_x - target) / robot.platform_scale):
         ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
@@ -398,6 +415,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     continues in a new random direction.
     """
     random = np.random.default_rng(0)
+    # where the walks are
     q = np.tile(robot.reference.q, (WALKS, 1))
     x = np.tile(robot.reference.x, (WALKS, 1))
     samples_q = [q]
@@ -405,7 +423,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     direction = np.zeros_like(x)
     accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
     for _ in range(WALK_STEPS):
-        # walks that were refused take a new direction
+        # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)
         new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
         direction[~accepted] = new_direction[~accepted]
@@ -413,7 +431,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
         length = MAX_WALK_STEP * random.random((WALKS, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)
-        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,)
         accepted = (step.reason == PoseReason.REACHED) & ~beyond
         q = np.where(accepted[:, None], step.q, q)
         x = np.where(accepted[:, None], target, x)

@@ -90,7 +90,7 @@ def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint
     cusp.
     """
     distance = np.linalg.norm(difference(robot, cusp.q, curve.q) / robot.column_scale, axis=1)
-    nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # an inner point of the curve
+    nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # with a neighbour on either side
     turns = whole_turns(curve.motors[nearest] - cusp.motors)  # by which the curve's angles may be off
     midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
     return midpoint - (cusp.motors + turns)
@@ -107,13 +107,14 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
         return float(np.linalg.norm((x - y) / robot.platform_scale))
 
     modes = assembly_modes(robot, motors[0]).modes
+    # the three modes that meet at the cusp
     for mode in sorted(modes, key=lambda mode: distance(mode.x, cusp.x))[:3]:
         try:
             poses = list(follow_motors(robot, motors, near=mode.q))
         except NotAssembled:  # the circle meets the locus
             continue
-        q = np.array([pose.q for pose in poses])
-        x = np.array([pose.x for pose in poses])
+        q = np.array([pose.q for pose in poses])  # (T, nq)
+        x = np.array([pose.x for pose in poses])  # (T, n)
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
             g = singularity_measure(robot, linearised_at(robot, q, None)).g
             return AssemblyModeChange(cusp, motors, q, x, g)

@@ -76,14 +76,15 @@ class Quantity:
 
 
 def holding_torque_ratio(poses: Poses) -> Array:
-    """Compute the largest motor torque at rest over its limit (T,).
+    """Compute the largest motor torque at rest over its limit (T,), at T poses.
 
     Motors without a limit do not count: their limit is infinite. The torques balance weight, springs and
     wrench at the deflections of q, without dry friction. They grow without bound towards Type 2.
     """
     robot = poses.robot
-    forces = static_forces(robot, poses.q)  # (T, nv) generalised
+    forces = static_forces(robot, poses.q)  # (T, nv) generalised, of weight and springs
     if poses.wrench is not None:
+        # the wrench acts on the joints by the platform's Jacobian (T, n, nv)
         forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
     torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
     return (np.abs(torques) / motor_limits(robot, "torque_limit", None)).max(axis=1)
@@ -158,7 +159,7 @@ _VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's ke
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return the named quantities, led by g, from which the locus is drawn.
+    """Return the quantities of the keys `names`, led by g, from which the locus is drawn.
 
     The default is conditioning, torque if the platform translates, and stiffness and frequency if the robot
     has springs.
@@ -178,6 +179,7 @@ def choose_quantities(
         names += ["stiffness", "frequency"] if has_springs else []
     names = ["g", *names]
 
+    # refuse quantities that this robot does not have
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
@@ -196,6 +198,7 @@ def choose_quantities(
             )
     quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))  # each once
 
+    # store the wrench in the quantities that depend on it
     if wrench is None:
         return quantities
     if not any(quantity.takes_wrench for quantity in quantities):
@@ -236,7 +239,8 @@ def quantity_values(
 ) -> dict[str, Array]:
     """Compute the values (T,) of quantities at configurations q (T, nq), by key.
 
-    If any quantity is loaded, the key "load" has the `LoadReason` of each configuration.
+    `linearised` are the loops at q. If any quantity is loaded, the key "load" has the `LoadReason` of each
+    configuration.
     """
     wrench = find_wrench(quantities)
     poses = Poses(robot, q, linearised, None if wrench is None else np.array(wrench))

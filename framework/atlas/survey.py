@@ -126,15 +126,18 @@ def survey_window(
         shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
         constants=point,
     )
-    window = bounds
+    window = bounds  # of the first survey, and the largest of all
     for _ in range(SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 
 
 def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_limits: bool) -> Window:
-    """Return the window about the reached poses of a survey, with a margin, within bounds."""
-    q, reason = seed_poses(robot, survey, 1)
+    """Return the window about the reached poses of a survey, with a margin, within `bounds`.
+
+    With `keep_limits` only poses within the ranges of all joints count, if there are any.
+    """
+    q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     indices = np.argwhere(within if keep_limits and within.any() else reached)  # (poses, 2)
@@ -147,9 +150,9 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
-    The poses nearest to the reference are assembled in turn until one succeeds; the others are reached from
-    their neighbours. If cells are longer than a step may be, they are subdivided: poses between those of the
-    window are computed too, but not returned.
+    All other poses are NaN, with the reason NO_NEIGHBOUR. The poses nearest to the reference are assembled in
+    turn until one succeeds; the others are reached from their neighbours. If cells are longer than a step may
+    be, they are subdivided: poses between those of the window are computed too, but not returned.
 
     Raises:
         InvalidInput: the window is too wide.
@@ -176,19 +179,19 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q[i, j] = first_q
     reason[i, j] = PoseReason.REACHED
     fill_grid(robot, x, q, reason, [stride])
-    window_poses = np.s_[::subdivisions, ::subdivisions]
+    window_poses = np.s_[::subdivisions, ::subdivisions]  # without those between
     return q[window_poses].copy(), reason[window_poses].copy()
 
 
 def _assemble_first(robot: ParallelRobot, x: Array, candidates: IntArray) -> tuple[int, int, Array]:
     """Assemble one of the poses x (I, J, n); return its indices i, j and its configuration (nq,).
 
-    The candidates (c, 2) are tried in turn.
+    The candidates (c, 2), rows and columns of poses, are tried in turn.
 
     Raises:
         OutOfReach: none of them is reached; gives the reason of the first.
     """
-    refusals = list[NoAnswer]()
+    refusals = list[NoAnswer]()  # of the candidates
     for i, j in candidates:
         try:
             return i, j, assemble(robot, x[i, j]).q

@@ -40,7 +40,7 @@ class PoseReason(IntEnum):
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour is reached
     OPEN = 2  # the loops close from no neighbour
-    OTHER_MODE = 3  # the loops close beyond a Type 1 singularity, or too near one to trust the step
+    OTHER_MODE = 3  # the loops close, but the step is not trusted: it passes Type 1, or comes too near
 
 
 REASON_WORDS = {
@@ -84,8 +84,14 @@ def _fill_lattice(
     """Fill the wanted poses (I, J) of one lattice in waves, in place.
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
-    not been tried before. A step that is not trusted is divided into `parts`. If a pose fails for several
-    reasons, the largest is stored. Arguments as in `fill_grid`; `wanted` (I, J) marks the poses to fill.
+    not been tried before. If a pose fails for several reasons, the largest is stored.
+
+    Args:
+        x: (I, J, n) platform coordinates.
+        q: (I, J, nq) configurations; NaN at poses that are not filled.
+        reason: (I, J) `PoseReason` of each pose.
+        wanted: (I, J) mask of the poses to fill.
+        parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
     while True:
@@ -101,11 +107,12 @@ def _fill_lattice(
         if not is_target.any():
             return
 
+        # step from all of them at once
         i, j = sources[is_target].T
-        step = step_poses(robot, q[i, j], x[i, j], x[is_target], parts)
-        reached = step.reason == PoseReason.REACHED
-        q[is_target] = np.where(reached[:, None], step.q, np.nan)
-        reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], step.reason))
+        ends = step_poses(robot, q[i, j], x[i, j], x[is_target], parts)
+        reached = ends.reason == PoseReason.REACHED
+        q[is_target] = np.where(reached[:, None], ends.q, np.nan)
+        reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
 
 
 def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
@@ -115,27 +122,29 @@ def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
 
 
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
-    """Continue configurations q (T, nq) at `start` (T, n) to platform `end` (T, n).
+    """Continue configurations q (T, nq) from platform coordinates `start` to `end` (T, n).
 
-    A step that closes the loops but is not trusted is tried again in `parts` equal steps.
+    A step that closes the loops but is not trusted is tried again in `parts` equal steps: shorter steps need
+    smaller corrections, so they are trusted unless Type 1 is really there.
     """
-    step = _step_once(robot, q, start, end)
-    refused = np.flatnonzero(step.reason == PoseReason.OTHER_MODE)
-    if parts == 1 or not len(refused):
-        return step
+    ends = _step_once(robot, q, start, end)
+    untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
+    if parts == 1 or not len(untrusted):
+        return ends
 
-    step.q[refused] = q[refused]  # back to the start
-    live = refused  # steps whose parts have all been accepted so far
+    # replace the ends of untrusted steps, part by part
+    ends.q[untrusted] = q[untrusted]  # back to the start
+    live = untrusted  # steps whose parts have all been accepted so far
     for k in range(parts):
         offset = end[live] - start[live]
         part_start = start[live] + offset * (k / parts)
-        part = _step_once(robot, step.q[live], part_start, part_start + offset / parts)
-        step.q[live] = part.q
-        step.reason[live] = part.reason
+        part = _step_once(robot, ends.q[live], part_start, part_start + offset / parts)
+        ends.q[live] = part.q
+        ends.reason[live] = part.reason
         live = live[part.reason == PoseReason.REACHED]
         if not len(live):
             break
-    return step
+    return ends
 
 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
@@ -146,7 +155,8 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     """
     # predict
     linearised = linearised_at(robot, q, start)
-    start_twist = robot.platform.twist(start, end - start)[0]  # the platform's step, as a twist
+    # the platform's step as a twist (T, n), which is another one at either end if the platform turns
+    start_twist = robot.platform.twist(start, end - start)[0]
     end_twist = robot.platform.twist(end, end - start)[0]
     # (T, nv) step along the tangent, springs at rest
     prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
@@ -157,16 +167,16 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_NEWTON_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    kept = np.flatnonzero(closed)
+    closed_steps = np.flatnonzero(closed)
     accepted = _accept_steps(
         robot,
-        linearised.select(kept),
-        end_linearised.select(kept),
-        end_twist[kept],
-        prediction[kept],
-        difference(robot, predicted[kept], corrected[kept]),
+        linearised.select(closed_steps),
+        end_linearised.select(closed_steps),
+        end_twist[closed_steps],
+        prediction[closed_steps],
+        difference(robot, predicted[closed_steps], corrected[closed_steps]),
     )
-    reason[kept[accepted]] = PoseReason.REACHED
+    reason[closed_steps[accepted]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
@@ -184,17 +194,17 @@ def _accept_steps(
     compared.
 
     Args:
-        start, end: loops at the ends of the steps.
-        end_twist: platform's steps (k, n) as twists at the ends.
-        prediction: joints' steps (k, nv) along the tangents at the starts.
-        correction: offsets (k, nv) from the predicted to the closed configurations.
+        start, end: linearised loops at the starts and at the ends of k steps.
+        end_twist: (k, n) the platform's steps as twists at the ends.
+        prediction: (k, nv) the joints' steps along the tangents at the starts.
+        correction: (k, nv) offsets from the predicted to the closed configurations.
     """
     end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
     measure = measure_steps(robot, correction, prediction, end_step)
     has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
-    accepted = measure.small.copy()
+    accepted = measure.small.copy()  # the correction is small
     for k in np.flatnonzero(accepted & ~has_same_sign).tolist():
         accepted[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
-    turned = np.flatnonzero(accepted & ~measure.straight)
+    turned = np.flatnonzero(accepted & ~measure.straight)  # must not end where branches cross
     accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
     return accepted

@@ -97,7 +97,7 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return new q, mask (T,) of success."""
+        """Continue q (T, nq) from `start` to `end` (T, n); return q, mask (T,) of accepted steps."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
@@ -112,7 +112,7 @@ class WorkspaceMap(ReadOnlyArrays):
 
         Beyond these edges more poses may be reachable.
         """
-        edges: dict[str, BoolArray] = {}
+        edges: dict[str, BoolArray] = {}  # reached poses of each edge
         for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
             name = self.robot.axis_names[k]
             edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
@@ -187,8 +187,9 @@ def workspace_map(
     choice = choose_quantities(robot, quantities, wrench)
     window = survey_window(robot) if window is None else window
 
+    # fill the bands; each pose belongs to one of them
     bands = {band.name: band for band in _make_bands(robot, window)}
-    width = window.shape[1]
+    width = window.shape[1]  # poses of a row
     grids = complete_chunks(
         partial(fill_band, robot, window, choice),
         bands,
@@ -198,7 +199,8 @@ def workspace_map(
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
 
-    x = window.points()
+    # reach poses across the borders of bands, and find out why others are not reached
+    x = window.points()  # (I, J, n)
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
     return WorkspaceMap(
@@ -218,11 +220,15 @@ def workspace_map(
 def fill_band(
     robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
 ) -> dict[str, NDArray]:
-    """Compute the poses and quantities of one band; return its arrays by name."""
-    x = window.points()[band.first : band.first + len(band.q)]
+    """Compute the poses and quantities of one band of a window; return its arrays by name.
+
+    Poses are filled from neighbours 4, then 2, then 1 rows or columns away. Strides that are not below that
+    of the coarse poses are left out, except 1.
+    """
+    x = window.points()[band.first : band.first + len(band.q)]  # (rows, J, n) of the band
     q = band.q.copy()
     reason = band.reason.copy()
-    coarse_stride = _coarse_stride(robot, window)  # poses at this stride are filled
+    coarse_stride = _coarse_stride(robot, window)  # of the poses that are filled already
     strides = [stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)]
     fill_grid(robot, x, q, reason, strides)
     rows = band.stop - band.first  # without the first row of the next band
@@ -237,14 +243,14 @@ def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
 
     Coarse poses are at most MAX_NEIGHBOUR_DISTANCE apart, unless the window's own poses are farther apart.
     """
-    largest_stride = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
+    largest_stride = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)  # not rounded
     exponent = np.clip(np.floor(np.log2(largest_stride)), 0, np.log2(BAND_ROWS))
     return int(2**exponent)
 
 
 def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     """Return the bands of a window with their coarse poses."""
-    q, reason = seed_poses(robot, window, _coarse_stride(robot, window))
+    q, reason = seed_poses(robot, window, _coarse_stride(robot, window))  # (I, J, nq), (I, J)
     reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # try again from nearer neighbours
     bands = []
     for first in range(0, len(q), BAND_ROWS):
@@ -302,7 +308,8 @@ def _join_bands(
 
     Args:
         x: platform coordinates (I, J, n).
-        grids: arrays of the whole map by name, see `_evaluate_poses`.
+        quantities: of the map, whose values are computed at the new poses.
+        grids: arrays (I, J, ..) of the whole map: q, reason, assembly, and the values by key.
     """
     reason = grids["reason"]
     was_filled = reason == PoseReason.REACHED
@@ -311,12 +318,14 @@ def _join_bands(
     border[first - 1] = ~was_filled[first - 1] & was_filled[first]
     border[first] = ~was_filled[first] & was_filled[first - 1]
 
+    # NO_NEIGHBOUR marks the poses that are tried
     for wanted in (border, ~was_filled):
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, [1])
         if not (reason[border] == PoseReason.REACHED).any():
             return
 
+    # evaluate the new poses, as a map of one row
     is_new = (reason == PoseReason.REACHED) & ~was_filled
     chunk = _evaluate_poses(robot, quantities, grids["q"][is_new][None], reason[is_new][None])
     for key, values in chunk.items():
@@ -334,19 +343,20 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         x: platform coordinates (I, J, n).
         q: configurations (I, J, nq); NaN at poses that are not reached.
         reason: (I, J) `PoseReason` of each pose.
+        stride: distance between the poses of the search [rows or columns].
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
-    coarse = np.zeros_like(unjoined)
+    coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
     row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
     random = np.random.default_rng(0)
-    for size in OFFSETS:
-        is_searched = coarse & np.isnan(other_q[..., 0])
+    for offset_size in OFFSETS:
+        is_searched = coarse & np.isnan(other_q[..., 0])  # nothing found so far
         start = q[row[is_searched], column[is_searched]]
-        offset = size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
+        offset = offset_size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
@@ -355,6 +365,7 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
     fill_grid(robot, x, other_q, other_reason, [1])
 
+    # poses to which no neighbour led, but at which a configuration was found, are not out of reach
     is_other = other_reason == PoseReason.REACHED
     reason[(reason == PoseReason.OPEN) & is_other] = PoseReason.OTHER_MODE
     reason[unjoined & ~is_other] = PoseReason.OPEN
@@ -384,6 +395,8 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
         raise InvalidInput(
             f"quantities: {robot.name} has torque limits, which need the quantity holding; add it"
         )
+
+    # sort the reached poses: beyond a range, too weak, or within all limits
     shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges
     in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
     beyond = workspace.reached & ~in_range
@@ -391,6 +404,7 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     within = in_range & ~too_weak
     joined = _join_to_reference(workspace, within)
 
+    # give the removed poses their reasons
     words = (*REASON_WORDS.values(), NOT_JOINED, TOO_WEAK)
     reason = workspace.reason.astype(np.uint16)
     reason[within & ~joined] = words.index(NOT_JOINED)
@@ -449,5 +463,5 @@ def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
             f"limits; take a finer map, or leave the limits out",
             exceeded={},
         )
-    labels: IntArray = ndimage.label(within)[0]
+    labels: IntArray = ndimage.label(within)[0]  # (I, J) number of the connected region
     return labels == labels.flat[nearest]

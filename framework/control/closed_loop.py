@@ -68,7 +68,9 @@ class Variation:
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
     """Draw the variation of one robot, independent of all others.
 
-    `seed` is the seed of the study and the number of the run.
+    Args:
+        spread: of each quantity about the model `robot`.
+        seed: seed of the study, number of the run.
     """
     random = np.random.default_rng(seed)
     # drawing in another order would give other results for the same seed
@@ -116,6 +118,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
+    # they add up, so the body changes by the change of its payload
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
     if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
@@ -208,7 +211,7 @@ class RunMonitor:
         the comparison.
         """
         deviations = np.abs((x - planned) / self.robot.platform_scale)
-        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
+        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)  # (R,) worst coordinate
         self.end(time, self.error >= MAX_DEVIATION)
         self.worst = np.maximum(self.worst, self.error)
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
@@ -231,6 +234,7 @@ class RunMonitor:
         """
         is_near_plan = self.worst <= loop.tolerance
         is_near_end = self.error <= loop.end
+        # runs that have diverged have their reasons already
         for run in np.flatnonzero(self.alive & ~is_near_plan):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
         for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
@@ -250,7 +254,8 @@ class RunMonitor:
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Return the torque limits (n_a,) [N m] of the loop.
 
-    By default they are the limits of the robot file, or 10 times the plan's peaks for motors without one.
+    By default they are the limits of the robot file. A motor without one has 10 times the plan's peak, which
+    only a diverging run asks for.
 
     Raises:
         InvalidInput: an invalid limit.
@@ -289,13 +294,15 @@ def run_closed_loop(
     robots = _VariedRobots.of(ref, spread, variations)
     monitor = RunMonitor(len(variations), ref.robot)
     last = len(ref.times) - 1
+    # (K, R, n_a) torques that the controller commands, and torques of the motors, which are delayed
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
-    q, v = robots.start
+    q, v = robots.start  # (R, nq), (R, nv)
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
             monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
 
+        # a controller may divide by zero at Type 2: an undefined torque counts as none
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
@@ -327,18 +334,22 @@ def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
 class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches."""
 
-    reference: Reference
-    stepper: Stepper
+    reference: Reference  # the planned motion
+    stepper: Stepper  # computes the motion of all robots over one period
     start: State  # q (R, nq), v (R, nv)
-    world: WorldForces
+    world: WorldForces  # external wrenches
     delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
     smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
-    noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds
+    noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds; None without noise
 
     @staticmethod
     def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
         """Place the robots at rest at the start of the plan, loops closed.
+
+        Args:
+            spread: standard deviations of the encoders' noise.
+            variations: the other differences of each robot from the model.
 
         Raises:
             InvalidInput: the loops of a varied robot do not close.
@@ -354,6 +365,8 @@ class _VariedRobots(NamedTuple):
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
+
+        # delays of the runs in sampling periods, noise of the encoders, friction of the motors
         periods = np.rint([variation.delay / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]
@@ -368,7 +381,7 @@ class _VariedRobots(NamedTuple):
 
         q (R, nq) and v (R, nv) are the configurations and joint rates of the R robots.
         """
-        x, _ = self.stepper.platform(q, v)
+        x, _ = self.stepper.platform(q, v)  # without the rates
         return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
@@ -380,7 +393,8 @@ class _VariedRobots(NamedTuple):
         """
         ref = self.reference
         robot = ref.robot
-        noise, rates = np.zeros_like(v), v
+        noise = np.zeros_like(v)
+        rates = v
         if self.noise is not None:
             noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
             rates = v + rate_noise
@@ -391,22 +405,24 @@ class _VariedRobots(NamedTuple):
 
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
         x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
+        # the rates of the platform follow from those of the joints, as offsets from the plan
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Compute the states one period after instant k under motor torques (R, n_a) [N m].
+        """Compute the states one period after instant k under motor torques `torque` (R, n_a) [N m].
 
-        External wrenches are evaluated in the middle of the period, at a configuration predicted from the
-        present rates.
+        At instant k the robots have the configurations q (R, nq) and the joint rates v (R, nv). External
+        wrenches are evaluated in the middle of the period, at a configuration predicted from the present
+        rates.
         """
         ref = self.reference
-        world = None
+        world = None  # forces of the external wrenches
         if self.world.acts:
-            middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
+            middle_time = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))  # (R,)
             q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)
             models = [robot.model for robot in self.stepper.stack.robots]
-            world = self.world(ref.robot, middle, q_middle, models)
+            world = self.world(ref.robot, middle_time, q_middle, models)
         speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
-        friction = self.friction * np.tanh(speed / self.smoothing_speed)
+        friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
         return self.stepper.step(q, v, torque - friction, ref.period, world=world)

@@ -84,12 +84,12 @@ class ControlCycle:
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
-        self._independent = robot.structure.independent
+        self._independent = robot.structure.independent  # loop equations
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
-        self._scale = np.asfortranarray(robot.passive_scale)
-        self._passive_lengths = robot.column_scale[robot.following]
+        self._scale = np.asfortranarray(robot.passive_scale)  # (m, m) of the entries of P
+        self._passive_lengths = robot.column_scale[robot.following]  # (m,) of the unknowns
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
 
         self.q, self.x = start.q.copy(), start.x.copy()
@@ -157,7 +157,7 @@ class ControlCycle:
     @property
     def mass(self) -> Array:
         """Motor torques (n_a, n_a) for unit accelerations: torque = mass ddq_a + bias."""
-        M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
+        M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)  # (nv, nv), joint side
         return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
     @property
@@ -172,7 +172,7 @@ class ControlCycle:
         The sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
-        X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
+        X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]  # (n, nv)
         dx_dq_a = X @ self.T * robot.column_scale[robot.actuated] / robot.platform_scale[:, None]
         least = singular_values(dx_dq_a)[-1]
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
@@ -180,11 +180,12 @@ class ControlCycle:
     def _factor_loops(self, q: Array) -> float:
         """Factorise P at q (nq,); set T, `type2` and the Newton step; return the step's size.
 
-        The step dq_p (n_p,) and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of
-        the step is its largest entry [rad, robot lengths]; it is infinite if P is singular.
+        P and J_a are the passive and the actuated columns of the independent loop equations. The step dq_p
+        (n_p,) and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of the step is
+        its largest entry [rad, robot lengths]; it is infinite if P is singular.
         """
         equations = self._equations
-        columns = self._following
+        columns = self._following  # passive joints
         equations.evaluate_pose(q)
         jacobian = equations.jacobian.take(self._independent, axis=0)
         residual = equations.residual.take(self._independent)
@@ -211,14 +212,14 @@ class ControlCycle:
     def _factor(self, P: Array) -> bool:
         """Factorise P (m, m); set its determinant and `type2`; return whether P is regular."""
         norm = np.abs(P).sum(axis=0).max()  # 1-norm
-        self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)
+        self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)  # P = permutation L U
         if is_singular:
             self._determinant, self.type2 = 0.0, 0.0
             return False
-        diagonal = self._lu.diagonal()
+        diagonal = self._lu.diagonal()  # of U
         swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
         self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
-        self.type2 = float(dgecon(self._lu, norm)[0]) * norm
+        self.type2 = float(dgecon(self._lu, norm)[0]) * norm  # dgecon returns 1 / (|P^-1| |P|)
         return True
 
     def _predict_and_correct(self, target: Array) -> Array | None:
@@ -234,6 +235,7 @@ class ControlCycle:
         if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
 
+        # correct: each Newton step must be smaller than the one before it
         correction = np.zeros(len(prediction))  # sum of all Newton steps
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
@@ -242,15 +244,16 @@ class ControlCycle:
                 return None
             if size > 0.0:
                 step = np.zeros(len(prediction))
-                step[self._following] = self._step
+                step[self._following] = self._step  # set by `_factor_loops`
                 q = self._integrate(q, step)
                 correction += step
                 previous_size = size
             if size < LAST_STEP:
                 break
-        else:
+        else:  # too many iterations
             return None
 
+        # judge the step by the largest motion of a joint [rad, robot lengths]
         lengths = self.robot.column_scale
         corrected = np.abs(correction / lengths).max()
         predicted = np.abs(prediction / lengths).max()
@@ -294,7 +297,7 @@ class ControlCycle:
         linear, w = self._equations.platform_twist()  # velocity and angular velocity, (3,) each
         attitude = platform.attitude
         position = self._equations.platform_origin
-        if platform.is_point:
+        if platform.is_point:  # its coordinates are positions along base axes
             return position[platform.along], linear[platform.along]
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]
@@ -309,7 +312,10 @@ class ControlCycle:
         return x, dx
 
     def _drift_acceleration(self) -> Array:
-        """Compute joint accelerations a_0 (nv,) at zero motor accelerations, by P a_p = -drift."""
+        """Compute joint accelerations a_0 (nv,) at zero motor accelerations.
+
+        With the drift dJ/dt v of the loops, those of the passive joints solve P a_p = -drift.
+        """
         if self._drift is None:
             columns = self._following
             self._drift = np.zeros(len(self.v))
@@ -320,7 +326,10 @@ class ControlCycle:
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
-        """Compute motor torques (n_a,) for joint accelerations a (nv,), rotors left out."""
+        """Compute motor torques (n_a,) [N m, N] for joint accelerations a (nv,), rotors left out.
+
+        The generalised forces of the open tree are projected by T', which eliminates the loop forces.
+        """
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:
@@ -346,20 +355,23 @@ class SinglePose:
         self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
-        self._signs = rows.joint_signs(scratch.carried)
-        self._couplings = rows.coupling_jacobian(robot.nv)
-        self._wrench = np.empty((count, 6))
+        self._signs = rows.joint_signs(scratch.carried)  # (m, nv)
+        self._couplings = rows.coupling_jacobian(robot.nv)  # constant part of the Jacobian
+        self._wrench = np.empty((count, 6))  # of each row of the Jacobian
         self.residual = np.empty(count)  # of all loop equations [m, rad]
         self.jacobian = np.empty((count, robot.nv))
 
     def evaluate_pose(self, q: Array) -> None:
-        """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,)."""
+        """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,).
+
+        Each row of the Jacobian is a wrench times the screws of the joints: a force a at the second frame's
+        origin, or for a rotation the couple b x a, with a and b of `_update_residual`.
+        """
         scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        force, second = self._update_residual(q)
+        force, second = self._update_residual(q)  # a and b
         lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
-        # a translation row is a force at the second frame's origin, a rotation row the couple w x u
         if rows.only_translations:
             wrench[:, :3] = force
         else:
@@ -368,6 +380,7 @@ class SinglePose:
             wrench[:, :3] = np.where(self._is_rotation, 0.0, force)
         wrench[:, 3:] = cross(lever, force)
         np.matmul(wrench, scratch.columns.T, out=self.jacobian)
+        # 1 for joints that carry only the second frame, -1 for those that carry only the first, else 0
         self.jacobian *= self._signs
         if rows.has_couplings:
             self.jacobian += self._couplings
@@ -383,7 +396,7 @@ class SinglePose:
         self._update_residual(q)
 
     def drift(self) -> Array:
-        """Return the second time derivative (m,) of the loop equations at the last `evaluate_motion`."""
+        """Compute the drift dJ/dt v (m,) of the loop equations at the last `evaluate_motion`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
         return closure_drift(self.robot.rows, FrameMotions.of(self._placements, *twists))
@@ -403,12 +416,17 @@ class SinglePose:
         return self._placements[0, 3]
 
     def _update_residual(self, q: Array) -> tuple[Array, Array]:
-        """Update the residual from pinocchio's frames; return both factors (m, 3) of the rows."""
+        """Update frames and residual at q (nq,) from pinocchio's results; return vectors a, b (m, 3).
+
+        The residual of a loop equation is weight a . b - constant. The vectors a and b are axes of its two
+        frames or the offset between their origins, see `row_factors`.
+        """
         scratch, rows = self.scratch, self.robot.rows
+        # pinocchio stores three axes and the origin of each frame of the model, one after another
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)
         np.einsum("ij,ij->i", a, b, out=self.residual)  # a . b of each row
-        if not rows.only_translations:
+        if not rows.only_translations:  # translations have the weight 1 and the constant 0
             self.residual *= rows.weight
             self.residual -= rows.constant
         if rows.has_couplings:

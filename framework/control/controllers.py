@@ -67,12 +67,12 @@ class Reference(ReadOnlyArrays):
     x: Array  # (K, n) platform coordinates [m, rad]
     dx: Array  # (K, n) their rates
     ddx: Array  # (K, n) their accelerations
-    torque: Array  # (K, n_a) [N m], motor side, without dry friction
+    torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
     period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
-    law: MotionLaw
+    law: MotionLaw  # path parameter over time
     wrenches: ExternalWrenches  # external wrenches, as planned
 
     @property
@@ -101,9 +101,9 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
     # rounding must not lose the instant at the end
     count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
-    middles = np.minimum(times + period / 2, plan.duration)  # of the periods
+    middles = np.minimum(times + period / 2, plan.duration)  # of the sampling periods
     motion = dynamics.motion(times)
-    x = plan.platform(times)
+    x = plan.platform(times)  # (K, n)
     return Reference(
         robot=robot,
         period=period,
@@ -161,15 +161,16 @@ class Controller(Protocol):
         """The planned motion that the controller follows."""
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m], motor side, at sampling instant k."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         ...
 
 
 def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
     """Return the measured state at instant k, or an estimate from the motors.
 
-    The estimate is one Newton step from the plan. The step dx of the platform solves G dx = measured -
-    planned motor angles; the step of the joints is N dx. Rates are estimated in the same way.
+    The state is measured if all joints have encoders. The estimate is one Newton step from the plan. The step
+    dx of the platform solves G dx = measured - planned motor angles; the step of the joints is N dx. Rates
+    are estimated in the same way.
 
     Args:
         aware: whether G is inverted by `solve_damped`, which is aware of the singularity.
@@ -177,7 +178,7 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     if measurement.state is not None:
         return measurement.state
     robot = reference.robot
-    N = reference.N[k]
+    N = reference.N[k]  # (nv, n) dq/dx
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
     angle_step = measurement.motor_angle - reference.motor_angle[k]
     speed_step = measurement.motor_speed - reference.motor_speed[k]
@@ -200,7 +201,8 @@ def solve_damped(matrices: Array, right: Array) -> Array:
 
     The solutions have the shape (R, k). Let t be FADING_RATIO times the largest singular value. The inverse
     of a singular value sigma below t is sigma / t^2 instead of 1 / sigma, which is continuous at t and falls
-    to zero with sigma. The solution is NaN for a matrix that is not finite.
+    to zero with sigma. The solution is NaN for a matrix that is not finite; the decomposition of such a
+    matrix would raise an error for all R of them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
@@ -228,7 +230,7 @@ class FeedforwardPD:
     """tau = tau_plan + k_p (motor angle error) + k_d (motor speed error)."""
 
     reference: Reference
-    feedback: MotorControl
+    feedback: MotorControl  # gains k_p, k_d of each motor
 
     @staticmethod
     def tune(reference: Reference) -> FeedforwardPD:
@@ -247,7 +249,10 @@ class FeedforwardPD:
         return FeedforwardPD(reference, MotorControl.of(inertia, w))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
+
+        They are the planned torques plus feedback of the errors of the measured motor angles and speeds.
+        """
         ref = self.reference
         angle_error = ref.motor_angle[k] - measurement.motor_angle
         speed_error = ref.motor_speed[k] - measurement.motor_speed
@@ -281,14 +286,18 @@ class TimeVaryingLQR:
                 f"controller lqr: for rigid robots; {robot.name} has the springs "
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
+        # errors of position (n,), then of speed (n,), in the units of each coordinate
         deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
         Q = np.diag(1 / deviations.ravel() ** 2)
         R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
-        A, B = linearise_error(reference)
+        A, B = linearise_error(reference)  # of the error dynamics
         return TimeVaryingLQR(reference, solve_riccati(A, B, Q, R, reference.period))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]."""
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
+
+        They are the planned torques plus the gain of the instant times the errors of the platform.
+        """
         ref = self.reference
         state = estimate_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
@@ -331,15 +340,15 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     from scipy.linalg import expm
 
     count, size, inputs = B.shape  # K, 2n, n_a
-    generator = np.zeros((count, size + inputs, size + inputs))
+    generator = np.zeros((count, size + inputs, size + inputs))  # [A, B; 0, 0] h
     generator[:, :size] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
     F = transition[:, :size, :size]
     G = transition[:, :size, size:]
     gain = np.empty((count, inputs, size))
-    P = Q  # cost at the end of the motion
+    P = Q  # cost-to-go at the end of the motion
     for k in reversed(range(count)):
-        PG = P @ G[k]
+        PG = P @ G[k]  # P is symmetric, so G' P F = (P G)' F
         gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
         closed_loop = F[k] - G[k] @ gain[k]
         P = Q + gain[k].T @ R @ gain[k] + closed_loop.T @ P @ closed_loop
@@ -373,7 +382,7 @@ class ComputedTorque:
         return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m] at sampling instant k.
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
         They are infinite where the naive controller divides by zero. The open tree needs the generalised
         forces r. Its passive joints (p) determine the multipliers lambda of the loops by P' lambda = r_p. The
@@ -382,23 +391,24 @@ class ComputedTorque:
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
-        w = COMPUTED_TORQUE_FREQUENCY
+        w = COMPUTED_TORQUE_FREQUENCY  # critically damped: k_d = 2 w, k_p = w^2
         ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
 
         motion = _constrained_motion(ref, k, state, ddx)
-        r = tree_forces(robot, motion) * robot.column_scale
+        r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
         J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
 
-        if self.multipliers is None:
+        if self.multipliers is None:  # naive
             multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
             multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
 
-        torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
+        # torques behind the gears (R, nv), and those that accelerate the rotors
+        torque = (r - matvec(J_T, multipliers)) / robot.column_scale
         rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
         return rotor_torque + torque[:, robot.actuated] / robot.gear_ratio
 
@@ -410,11 +420,11 @@ class _Motion(NamedTuple):
     v: Array  # (R, nv)
     a: Array  # (R, nv)
     loops: Array  # (R, m, nv) J
-    wrenches: tuple[AppliedWrench, ...]
+    wrenches: tuple[AppliedWrench, ...]  # external ones at these poses
 
 
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
-    """Compute joint rates and accelerations for platform accelerations ddx (R, n).
+    """Compute joint rates and accelerations in a `state`, for platform accelerations ddx (R, n).
 
     The Jacobian X of the platform and J of the loops form F = [X; J]. The rates solve F v = [twist; 0], the
     accelerations F a = [twist rate; 0] - drift. Both are infinite if the platform does not determine the
@@ -428,10 +438,10 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     columns = robot.moving
     frames = frames_at(robot, state.q)
     J = loop_equations(rows, frames).jacobian
-    F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]
+    F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]  # (R, n + m, columns)
     twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.nv))
-    loop_rates = np.zeros(J.shape[:2])
+    loop_rates = np.zeros(J.shape[:2])  # (R, m) of closed loops
     v[:, columns] = solve(F, np.concatenate([twist, loop_rates], axis=1))
 
     motions = frame_motions(robot, frames, v)
@@ -439,7 +449,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     loop_part = -closure_drift(rows, motions)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
-    s = np.full(len(state.q), reference.law(reference.times[k]))
+    s = np.full(len(state.q), reference.law(reference.times[k]))  # path parameter of the planned wrenches
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
 
 

@@ -97,6 +97,9 @@ def run_study(
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
 
     Args:
+        controller: drives the robots along its planned motion.
+        loop: torque limits, sensors and tolerances.
+        spread: of the robots about the controller's model.
         name: name of the controller in the result.
         executor: computes chunks of runs; by default this process does. It must be able to pickle the
             controller.
@@ -118,7 +121,7 @@ def run_study(
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     # numbers of the runs of each chunk, by the name under which the chunk is stored
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
-    finished_runs = 0  # in finished chunks
+    finished_runs = 0  # in finished chunks, for the progress within a chunk
 
     def report(names: Collection[str]) -> None:
         """Count the runs of finished chunks, and report their number."""
@@ -156,6 +159,7 @@ def run_chunk(
     """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
 
     Args:
+        controller, loop, spread: those of `run_study`: controller, tolerances, spread of the robots.
         seed: seed of the study.
         chunk: numbers of the runs.
         report_progress: called with the finished share of the motion.
@@ -172,6 +176,7 @@ def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
     `motors` is the number of motors, `chunk` has the numbers of the runs.
     """
     runs = len(chunk)
+    # types by their numpy kinds: f for floats, b for booleans, U for text
     numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
         "passed": ArrayField("b", (runs,)),

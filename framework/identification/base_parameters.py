@@ -89,7 +89,9 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
     names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
 
     body_values = [link_parameters(model, j) for j in bodies]  # (10,) each
+    # (n_a,) each, in the order of `OF_MOTORS`
     motor_values = [robot.rotor_inertia, robot.joint_damping[motors], robot.joint_friction[motors]]
+    # without a mass in the file the size is arbitrary
     body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
         bodies=np.array(bodies, dtype=np.intp),
@@ -138,12 +140,14 @@ def parameter_regressor(
         parameters: theta, with the values of the robot file.
         signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
-    G, N = motor_speeds(robot, motion.linearised)  # motor speeds (T, n_a, n) and joint rates (T, nv, n)
+    # speeds of motors G (T, n_a, n) and rates of joints N (T, nv, n) for unit twists of the platform
+    G, N = motor_speeds(robot, motion.linearised)
     N_transposed = N.swapaxes(1, 2)
     motors = robot.actuated
     body_part = N_transposed @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
     v = motion.v[:, motors]
     signs = np.sign(v) if signs is None else signs
+    # the motors' columns: torques for unit parameters, which act on the platform by the motors' rows of N
     unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, signs]  # (T, n_a) each, as `OF_MOTORS`
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
@@ -218,6 +222,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
         sets.append(find_combinations(merge_rows(matrix), described.sizes))
 
+    # the set with the least clear rank decides
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
@@ -243,7 +248,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
 
 
 def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator) -> Motion:
-    """Draw poses near the reference, rates and accelerations at `count` instants.
+    """Draw poses near the reference, rates and accelerations at `count` instants, by `random`.
 
     Rates have the size sqrt(g / length), accelerations the size g, so inertial forces are as large as the
     weight.
@@ -253,8 +258,8 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
         NotAssembled: the loops close nowhere near the reference.
     """
     require_square(robot)
-    q, x = _random_poses(robot, count, random)
-    rate = np.sqrt(gravity_scale(robot) / robot.length)
+    q, x = _random_poses(robot, count, random)  # (count, nq), (count, n)
+    rate = np.sqrt(gravity_scale(robot) / robot.length)  # [1/s]
     dx = rate * robot.platform_scale * random.standard_normal((count, robot.n))
     ddx = rate**2 * robot.platform_scale * random.standard_normal((count, robot.n))
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
@@ -275,11 +280,11 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         if only_unmoved and has_moved.all():
             break
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
-        target = x + step * 0.5 ** max(k - STEPS, 0)
+        target = x + step * 0.5 ** max(k - STEPS, 0)  # ever shorter after STEPS steps
         end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
         accepted = end.closed & ~(only_unmoved & has_moved)  # (count,)
         end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], None))
-        accepted[accepted] = end_clearance > BRANCHES_MEET
+        accepted[accepted] = end_clearance > BRANCHES_MEET  # away from singularities
         q[accepted] = end.q[accepted]
         x[accepted] = target[accepted]
         has_moved |= accepted
@@ -303,7 +308,7 @@ class LinkParameters(NamedTuple):
 
     links: Names  # those with mass in the file
     values: Array  # (u,) in the robot file
-    spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
+    spread: Array  # (u,) sizes of the parameters; the prior deviation is a multiple of them
     to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
 
     @property
@@ -324,20 +329,20 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     """
     urdf = fromstring(robot.description.urdf_text)
     links = elements_by_name(urdf, "link").items()
-    in_file = {name: read_inertial_parameters(link) for name, link in links}
-    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
+    in_file = {name: read_inertial_parameters(link) for name, link in links}  # (10,) each, mass first
+    with_mass = {name: values for name, values in in_file.items() if values[0] > 0.0}
 
     frames: list[pin.Frame] = []  # of the links with mass, body by body
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
     for i, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
-            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
                 frames.append(frame)
                 columns.append(_link_columns(robot, parameters, i, frame))
 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
-    link_values = [heavy[frame.name] for frame in frames]
+    link_values = [with_mass[frame.name] for frame in frames]
     return LinkParameters(
         links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),
@@ -347,7 +352,10 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
 
 
 def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, link: pin.Frame) -> Array:
-    """Return the columns (p, 10) of `to_parameters` for a link of body i."""
+    """Return the columns (p, 10) of `to_parameters` for a link of the body with the index i.
+
+    The link's parameters, on its own axes, add to the ten of the body after a change of axes.
+    """
     columns = np.zeros((len(parameters.names), 10))
     pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
     columns[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
@@ -357,8 +365,9 @@ def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, li
 def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
     """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
 
-    The size of a rotor is the file's inertia. A rotor that is zero in the file stays almost zero: its size is
-    RANK_ROUNDING times the typical inertia of a motor.
+    The sizes of viscous and dry friction are typical ones of this robot. The size of a rotor is the file's
+    inertia. A rotor that is zero in the file stays almost zero: its size is RANK_ROUNDING times the typical
+    inertia of a motor.
     """
     sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
     in_file = parameters.values[motors].reshape(sizes.shape)
@@ -374,7 +383,7 @@ def _link_sizes(link: Array) -> Array:
     mass at the origin, whose moments therefore remain zero.
     """
     mass = link[0]
-    trace = np.trace(pseudo_inertia(link)[:3, :3])
+    trace = np.trace(pseudo_inertia(link)[:3, :3])  # of the second moments: mass radius^2
     radius = np.sqrt(max(trace, 0.0) / mass)
     return mass * radius**LENGTH_POWERS
 
@@ -392,6 +401,7 @@ def read_inertial_parameters(link: Element) -> Array:
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
     pose = read_origin(inertial, where)
+    # <inertial> is about the centre of mass, where the first moments are zero
     return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 
@@ -409,6 +419,8 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():
             write_inertial(elements[name], values[part])
+
+    # (n_a, 3) rotor inertia, damping and friction of each motor
     motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
     joints = dict(description.joints)
@@ -427,7 +439,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 def write_inertial(link: Element, parameters: Array) -> None:
     """Write ten parameters (10,) about a link's origin as its <inertial>.
 
-    <inertial> is about the centre of mass c. With S about the origin, the second moments about c are
+    <inertial> is about the centre of mass c. With the second moments S about the origin, those about c are
     S - m c c'. The inertia is their trace times the identity, minus the second moments.
     """
     mass, *first_moments = parameters[:4].tolist()

@@ -160,16 +160,19 @@ def calibrate(
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
-    prior = np.where(geometry.turning, angle_error, length_error)
+    prior = np.where(geometry.turning, angle_error, length_error)  # (p,) standard deviations
 
+    # fit the parameters to three quarters of the instants
     used = measured.select_instants(~is_test)
     used_q = q[~is_test]
     solver = GaussNewton(geometry.model, used, used_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
+    # what the data determine is examined at the file's geometry
     equations = eliminate_poses(geometry.model, used, used_q)
     combinations = _find_combinations(equations, used, prior)
 
+    # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
     predict_error = partial(_prediction_error, geometry.model, test, q[is_test])
     return Calibration(
@@ -184,6 +187,7 @@ def calibrate(
         error_after=predict_error(solver.values),
         noise=solver.noise,
         degrees_of_freedom=solver.degrees_of_freedom,
+        # Huber's weights, below one half; the solver has their square roots
         outliers=tuple(np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.steps,
@@ -216,26 +220,27 @@ def _find_combinations(equations: ParameterEquations, measured: Measurements, pr
 
     `prior` (p,) are the standard deviations of the file's parameters.
     """
-    loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # in units of the noise
+    # the slopes of the data are over the noise; those of the loops over LOOP_GAP, which is far smaller
+    loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()
     rows = np.concatenate([merge_rows(equations.matrix), merge_rows(loop_rows)])
     return find_combinations(rows, prior)
 
 
-def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> None:
+def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float) -> None:
     """Refuse implausible noise, and implausible changes of the parameters.
 
     Args:
-        deviations: (p,) changes over the prior standard deviations.
-        noise: ratio of the residual to the assumed noise.
+        prior_ratios: (p,) changes of the parameters over their prior standard deviations.
+        noise_ratio: of the residual to the assumed noise.
     """
-    if noise > MAX_NOISE_RATIO:
+    if noise_ratio > MAX_NOISE_RATIO:
         raise NotConverged(
-            f"{geometry.robot.name}: the residual of the data is {noise:.3g} times the assumed noise; raise "
-            f"length_error or angle_error, give the noise, or look at the data",
-            residual=noise,
+            f"{geometry.robot.name}: the residual of the data is {noise_ratio:.3g} times the assumed noise; "
+            f"raise length_error or angle_error, give the noise, or look at the data",
+            residual=noise_ratio,
         )
-    worst = np.abs(deviations).argmax()
-    largest = float(abs(deviations[worst]))
+    worst = np.abs(prior_ratios).argmax()
+    largest = float(abs(prior_ratios[worst]))
     if largest > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
             f"{geometry.robot.name}: {geometry.names[worst]} would differ from the file by {largest:.3g} "
@@ -245,7 +250,7 @@ def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> Non
 
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute root mean square errors (m,) of measurements predicted from motor angles.
+    """Compute root mean square errors (m,) [rad, m] of measurements predicted from motor angles.
 
     The motors of q (T, nq) are moved to their measured angles, and the parameters to `values` (p,). Then the
     loops are closed.
@@ -268,7 +273,10 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
 
 
 def _move_poses(model: ParallelRobot, q: Array, columns: IntArray, steps: Array, change: Array) -> Array:
-    """Move columns (k,) of q (T, nq) by steps (T, k), and the parameters by a change (p,)."""
+    """Move columns (k,) of q (T, nq) by steps (T, k), and the parameters by a change (p,).
+
+    The parameters are the elastic columns of the model.
+    """
     parameter_steps = np.tile(change, (len(q), 1))
     columns = np.concatenate([columns, model.elastic])
     return integrate_columns(model, q, columns, np.hstack([steps, parameter_steps]))
@@ -288,6 +296,7 @@ def _describe_unseen(
 
     Args:
         measured, q, equations: measurements, poses (T, nq) and equations of the instants that were used.
+        combinations: of the parameters, with the undetermined directions `unseen`.
     """
     model = geometry.model
     slopes = sensor_slopes(model, q)
@@ -295,11 +304,12 @@ def _describe_unseen(
     sentences = []
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
-        motion[:, model.joints] = equations.follow @ direction
+        motion[:, model.joints] = equations.joint_slopes @ direction  # keeps the loops closed
         motion[:, model.elastic] = direction
-        least = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
+        # a sensor shows the direction if its value changes by more than rounding
+        rounding = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
         changes = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
-        sensor = next((name for name, change in changes.items() if change > least), None)
+        sensor = next((name for name, change in changes.items() if change > rounding), None)
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
@@ -314,7 +324,7 @@ class GaussNewton:
     q: (T, nq) poses.
     prior: (p,) standard deviations of the file's parameters [m, rad].
     values, deviations: (p,) changes of the parameters from the file, and their standard deviations [m, rad].
-    weights: (T,) square roots of Huber's weights of the instants.
+    weights: (T,) square roots of Huber's weights of the instants, which multiply residuals.
     noise: ratio of the residual to the assumed noise.
     degrees_of_freedom: number of equations minus number of parameters that they determine.
     steps: number of steps tried.
@@ -351,8 +361,9 @@ class GaussNewton:
         while self.steps < MAX_STEPS and damping <= MAX_DAMPING:
             self.steps += 1
             progress(self.steps)
-            change = self._damped_step(equations, damping)
-            joint_steps = equations.step + equations.follow @ change
+            # step the parameters, and the joints with them
+            change = self._damped_step(equations, damping)  # (p,)
+            joint_steps = equations.joint_step + equations.joint_slopes @ change
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
@@ -365,8 +376,8 @@ class GaussNewton:
             self.q = q
             self.values = values
             equations = next_equations
-            damping = max(0.1 * damping, 1e-12)
-            cost = self._update_weights(equations)
+            damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
+            cost = self._update_weights(equations)  # of the new weights
             if np.abs(change / self.prior).max() < CONVERGED:
                 self._estimate_deviations(equations)
                 return
@@ -385,7 +396,7 @@ class GaussNewton:
         weights = self.weights[:, None] / self.noise  # (T, 1)
         data_rows = merge_rows(weights[..., None] * equations.matrix)
         matrix = np.concatenate([data_rows, merge_rows(equations.loop_slopes)])
-        residual = np.append(weights * equations.residual, equations.open_loops)
+        residual = np.append(weights * equations.residual, equations.loop_residual)
         return matrix * self.prior, residual
 
     def _damped_step(self, equations: ParameterEquations, damping: float) -> Array:
@@ -398,7 +409,7 @@ class GaussNewton:
         identity = np.eye(len(self.prior))
         rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
         residuals = np.concatenate([residual, self.values / self.prior, np.zeros_like(self.prior)])
-        Q, R = np.linalg.qr(rows)
+        Q, R = np.linalg.qr(rows)  # the step solves R step = -Q' residuals
         return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
@@ -431,6 +442,7 @@ class GaussNewton:
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
+        # Student's quantile of the same probability as DEVIATIONS deviations of a normal distribution
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
@@ -444,13 +456,15 @@ class GaussNewton:
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
         the noise is the assumed noise, s = 1.
         """
-        count = len(self.q) * self.equations_per_instant
+        count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)
 
         def freedom_at(noise: float) -> float:
+            """Compute the degrees of freedom N - r(s) at s = noise."""
             return count - float(np.sum(squares / (squares + noise**2)))
 
         def noise_equation(noise: float) -> float:
+            """Compute s^2 (N - r(s)) - N residual^2, which grows with s = noise."""
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0
@@ -461,6 +475,7 @@ class GaussNewton:
         if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
             from scipy.optimize import brentq  # slow to import
 
+            # with N - r(s) >= 1 the solution is at most sqrt(N) residual
             upper_bound = max(residual * np.sqrt(count), 1.0)
             solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
             self.noise = float(solution)
@@ -473,11 +488,11 @@ class GaussNewton:
         equations that no joint can close: (S S')^-1 = D^-2 + L'L. With L D = U diag(w) V' the solution is
         S = D V diag(1 + w^2)^(-1/2).
         """
-        size = len(self.prior)
+        p = len(self.prior)
         # zero rows complete w and V if there are fewer loop equations than parameters
-        loops = np.concatenate([merge_rows(equations.loop_slopes) * self.prior, np.zeros((size, size))])
-        triangle = np.linalg.qr(loops, mode="r")  # (p, p) with the same w and V
+        L_D = np.concatenate([merge_rows(equations.loop_slopes) * self.prior, np.zeros((p, p))])
+        triangle = np.linalg.qr(L_D, mode="r")  # (p, p) with the same w and V
         _, w, V_transposed = np.linalg.svd(triangle)
-        rows = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
-        rows = rows @ V_transposed.T / np.sqrt(1.0 + w**2)
-        return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
+        A_D = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
+        A_S = A_D @ V_transposed.T / np.sqrt(1.0 + w**2)
+        return np.linalg.eigvalsh(A_S.T @ A_S).clip(0.0)  # negative only by rounding

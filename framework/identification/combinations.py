@@ -72,10 +72,11 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
         regressor: derivatives of the data with respect to the p parameters.
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
     """
-    columns = regressor * sizes
+    columns = regressor * sizes  # for parameters in units of their typical sizes
     lengths = np.linalg.norm(columns, axis=0)
     has_effect = lengths > RANK_ROUNDING * lengths.max(initial=0.0)
     effective = np.flatnonzero(has_effect)
+
     # R of unit columns has the same linear dependences and singular values as these columns
     R = np.asarray(np.linalg.qr(columns[:, effective] / lengths[effective], mode="r"))
     values = singular_values(R)
@@ -121,35 +122,39 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
 
 
 def format_combination(names: Sequence[str], coefficients: Array) -> str:
-    """Format a combination (p,) of parameters as text: `a + 0.25 b - c`."""
-    used = np.flatnonzero(coefficients)
-    if not used.size:
+    """Format a combination of p parameters as text: `a + 0.25 b - c`.
+
+    `names` and `coefficients` (p,) are those of all parameters; at most MAX_TERMS terms are named.
+    """
+    nonzero = np.flatnonzero(coefficients)
+    if not nonzero.size:
         return "0"
     terms = []
-    for k in used[:MAX_TERMS]:
+    for k in nonzero[:MAX_TERMS]:
         value = coefficients[k]
+        # a coefficient of 1 or -1 is not written
         factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
-    if len(used) > MAX_TERMS:
-        terms.append(f"and {len(used) - MAX_TERMS} more terms")
+    if len(nonzero) > MAX_TERMS:
+        terms.append(f"and {len(nonzero) - MAX_TERMS} more terms")
     return " ".join(terms).removeprefix("+ ")
 
 
 def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
-    """Describe a direction (p,) of the parameters that the data do not determine.
+    """Describe a direction (p,) of the parameters `names` that the data do not determine.
 
     If only two parameters change, and by the same amount, the data determine their difference. If they change
     by opposite amounts, the data determine their sum.
     """
-    used = np.flatnonzero(direction).tolist()
-    used_names = [names[k] for k in used]
-    if len(used) == 1:
-        return f"{used_names[0]} not at all"
-    if len(used) == 2:
-        change_1, change_2 = direction[used]
+    changed = np.flatnonzero(direction).tolist()
+    changed_names = [names[k] for k in changed]
+    if len(changed) == 1:
+        return f"{changed_names[0]} not at all"
+    if len(changed) == 2:
+        change_1, change_2 = direction[changed]
         if abs(abs(change_1) - abs(change_2)) < COEFFICIENT_ROUNDING * abs(change_1):
             kind = "difference" if change_1 * change_2 > 0 else "sum"
-            return f"{' and '.join(used_names)} only as their {kind}"
+            return f"{' and '.join(changed_names)} only as their {kind}"
     return f"no change by {format_combination(names, direction)}"
 
 

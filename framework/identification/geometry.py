@@ -6,9 +6,10 @@ joint, like that of a spring. So the equations of the robot with these joints al
 respect to the parameters.
 
 At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
-plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z with
-any z. Least squares on the measurements determines z, and the remaining equations contain only the parameters
-p. These are regular at Type 2 singularities, and treat the noise of motors like that of the platform.
+plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = closing_step + joint_slopes dp +
+free_motions z with any z (`_LinearLoops`). Least squares on the measurements determines z, and the remaining
+equations contain only the parameters p. These equations are regular at Type 2 singularities, and treat the
+noise of motors like that of the platform.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
 def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
     """Return the joints between the base and the frames of platform and closures, in URDF order.
 
-    A frame is named by a link, or by a joint, which stands for its child link.
+    A frame is named by a link, or by a joint, which stands for its child link. From this link the search goes
+    from joint to joint up to the base. `elements` are the joints of the URDF by name.
     """
     parent_joints = {_link_name(element, "child"): name for name, element in elements.items()}  # by link
     frames = [description.platform.frame]
@@ -129,14 +131,17 @@ def _link_name(joint: Element, end: str) -> str:
 
 
 def _insert_origin_joint(urdf: Element, joint: Element) -> str:
-    """Insert a fixed joint that takes over the origin of a moving one; return its name."""
+    """Insert a fixed joint that takes over the origin of a moving one; return its name.
+
+    A new link without mass lies between the fixed joint and the moving one, whose own origin is then zero.
+    """
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     SubElement(urdf, "link", name=link)
     parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
     origin = joint.find("origin")
     fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
-    parent.set("link", link)
+    parent.set("link", link)  # the moving joint now starts at the new link
     if origin is not None:
         joint.remove(origin)
         fixed.append(origin)
@@ -164,13 +169,12 @@ class Measurements(ReadOnlyArrays):
     """m measurements at each of T instants, on the joint side of gears.
 
     In this order: the n_a joints of motors, other joints with encoders, coordinates of the platform, and
-        positions of
-    the platform's frame that are no coordinates.
+    positions of the platform's frame that are no coordinates.
     """
 
     names: Names  # (m,) columns of the recording
-    values: Array  # (T, m)
-    noise: Array  # (m,) standard deviations
+    values: Array  # (T, m) [rad, m]
+    noise: Array  # (m,) standard deviations [rad, m]
     columns: IntArray  # indices of the measured joints in the velocity vector
     axes: IntArray  # indices of the measured platform coordinates
     positions: IntArray  # base axes (0, 1, 2) of the measured positions
@@ -184,6 +188,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     """Select the measurements of a recording that calibration uses.
 
     Args:
+        geometry: the robot, and its model with the parameters.
         data: the recording.
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
             [m]. For turns of the platform its deviation is divided by the robot's length.
@@ -195,6 +200,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     model = geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
+    # measured coordinates of the platform, and positions of its frame that are no coordinates
     axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
     positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
     names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
@@ -203,11 +209,11 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
             f"{data.source}: motor angles alone do not determine the geometry; platform_"
             f"{robot.axis_names[0]} or angles of other joints are needed"
         )
-    coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
-    deviations = [
+    axis_indices = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
+    deviations = [  # of motors, encoders, coordinates and positions, like all columns
         *(noise["motor_angle"] / np.abs(robot.gear_ratio)),
         *[noise["joint"]] * len(encoders),
-        *(noise["platform"] * robot.platform_scale[coordinates] / robot.length),
+        *(noise["platform"] * robot.platform_scale[axis_indices] / robot.length),
         *[noise["platform"]] * len(positions),
     ]
     return Measurements(
@@ -215,15 +221,15 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
         values=np.column_stack([motors, *map(data.column, names)]),
         noise=np.array(deviations),
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
-        axes=coordinates,
+        axes=axis_indices,
         positions=np.array([LINEAR_AXES.index(axis) for axis in positions], dtype=np.intp),
     )
 
 
 def encoder_names(model: ParallelRobot) -> dict[int, str]:
-    """Return recording columns of passive joints with one freedom, by velocity column.
+    """Return the names of recording columns of passive joints, by index in the velocity vector.
 
-    These are the joints that an encoder can measure.
+    Only joints with one freedom are included: an encoder can measure them.
     """
     single = single_columns(model.model)
     return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
@@ -251,16 +257,17 @@ class MeasuredOffsets(NamedTuple):
 
 
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute offsets of the model from measurements, and slopes along all joints.
+    """Compute offsets of the model from measurements at T instants, and slopes along all joints.
 
-    Rows are in the order of `Measurements`.
+    The m offsets of an instant are in the order of `Measurements`. `frames` are those of the model.
     """
     joints = measured.columns
     axes = measured.axes
     positions = measured.positions
-    ends = np.cumsum([len(joints), len(axes)])
+    ends = np.cumsum([len(joints), len(axes)])  # the first columns of the platform, and of its positions
     joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
     # measured platform coordinates (T, n), with the model's values for those that are not measured
+    # (`residual` needs all coordinates)
     x = model.platform.coordinates(frames)
     x[:, axes] = x_values
     offset = [
@@ -281,61 +288,72 @@ class ParameterEquations(NamedTuple):
 
     residual: Array  # (T, m) offsets over their noise, minus the part that a step of the pose can remove
     matrix: Array  # (T, m, p) derivatives of `residual` along the parameters
-    open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
-    loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
-    step: Array  # (T, k) step of the joints at constant parameters
-    follow: Array  # (T, k, p) steps of the joints for unit steps of the parameters
+    loop_residual: Array  # (T, rows) of loop equations that no joint can close, over LOOP_GAP
+    loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
+    joint_step: Array  # (T, k) [rad, m] steps of the joints at constant parameters
+    joint_slopes: Array  # (T, k, p) further steps of the joints for unit steps of the parameters
 
 
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
     Each of the p parameters is an elastic joint of the model. After steps dp of the parameters and z (T, f)
-    along the free motions of the loops, the offsets over their noise are r + A dp + B z. Least squares gives
-    z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and Pereyra 1973).
+    along the f free motions of the closed loops, the offsets over their noise are r + A dp + B z. Least
+    squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and
+    Pereyra 1973).
+
+    Args:
+        measured: m measurements at the T instants, with their standard deviations `noise` (m,).
     """
     frames = frames_at(model, q)
-    scale = model.column_scale[model.joints]  # (k,)
+    scale = model.column_scale[model.joints]  # (k,) units of the k joints of the robot itself
     loops = _solve_linear_loops(model, frames)
+
+    # the offsets over their noise, and their slopes along joints and parameters
     measurements = measurement_offsets(model, measured, frames)
-    slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
-    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k) along the k joints of the robot itself
-    r = measurements.offset / measured.noise + np.matvec(by_joints, loops.step)  # (T, m)
-    # the elastic columns of the model are the parameters; the joints follow them to close the loops
-    A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
-    B = by_joints @ loops.free  # (T, m, f)
+    slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv)
+    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
+    r = measurements.offset / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
+    # a parameter acts directly, and through the joints that move to keep the loops closed
+    A = slopes[:, :, model.elastic] + by_joints @ loops.joint_slopes  # (T, m, p)
+    B = by_joints @ loops.free_motions  # (T, m, f)
+
+    # eliminate z
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
     minus_z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters, dp = 0
     minus_z_slope = B_inverse @ A  # (T, f, p) -dz/dp
     return ParameterEquations(
         residual=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,
-        open_loops=loops.open_loops,
-        loop_slopes=loops.slopes,
-        step=scale * (loops.step - np.matvec(loops.free, minus_z)),
-        follow=scale[:, None] * (loops.follow - loops.free @ minus_z_slope),
+        loop_residual=loops.loop_residual,
+        loop_slopes=loops.loop_slopes,
+        joint_step=scale * (loops.closing_step - np.matvec(loops.free_motions, minus_z)),
+        joint_slopes=scale[:, None] * (loops.joint_slopes - loops.free_motions @ minus_z_slope),
     )
 
 
 class _LinearLoops(NamedTuple):
-    """Solutions dq = step + follow dp + free z of the linearised loops [rad, robot lengths]."""
+    """Solutions of the linearised loops for k joints, [rad, robot lengths].
 
-    step: Array  # (T, k) of least norm that closes the loops
-    follow: Array  # (T, k, p) steps for unit steps of the parameters
-    free: Array  # (T, k, f) orthonormal motions that keep the loops closed
-    open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
-    slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
+    They are dq = closing_step + joint_slopes dp + free_motions z, with any z (f,).
+    """
+
+    closing_step: Array  # (T, k) of least norm that closes the loops at constant parameters
+    joint_slopes: Array  # (T, k, p) steps that keep the loops closed for unit steps of the parameters
+    free_motions: Array  # (T, k, f) orthonormal motions that keep the loops closed
+    loop_residual: Array  # (T, rows) of loop equations that no joint can close, over LOOP_GAP
+    loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
 
 
 def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
 
-    The first columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns
-    of V are the free motions. The other columns of U are the combinations of loop equations that no joint can
-    close.
+    F_q and F_p are the derivatives of the r loop equations along the k joints and the p parameters. The first
+    columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns of V are
+    the free motions. The other columns of U are the combinations of loop equations that no joint can close.
     """
     loops = loop_equations(model.rows, frames)
-    weights = 1.0 / model.row_lengths
+    weights = 1.0 / model.row_lengths  # (r,) make the equations dimensionless
     residual = weights * loops.residual
     jacobian = weights[:, None] * loops.jacobian
     F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
@@ -344,12 +362,12 @@ def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoop
     rank = len(model.structure.independent)
     U_rows = U.swapaxes(1, 2)
     V = V_rows.swapaxes(1, 2)
-    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r)
-    unreachable = U_rows[:, rank:] / LOOP_GAP
+    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r) pseudo-inverse of F_q
+    unreachable = U_rows[:, rank:] / LOOP_GAP  # (T, rows, r)
     return _LinearLoops(
-        step=-np.matvec(inverse, residual),
-        follow=-inverse @ F_p,
-        free=V[:, :, rank:],
-        open_loops=np.matvec(unreachable, residual),
-        slopes=unreachable @ F_p,
+        closing_step=-np.matvec(inverse, residual),
+        joint_slopes=-inverse @ F_p,
+        free_motions=V[:, :, rank:],
+        loop_residual=np.matvec(unreachable, residual),
+        loop_slopes=unreachable @ F_p,
     )

@@ -192,12 +192,14 @@ def identify(
             f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
 
+    # estimate the base parameters, then bodies that can exist
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
     links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
 
+    # predict the torques held out
     error_before = torque_error(robot, regressor, measured, test, file)
     error_after = torque_error(robot, regressor, measured, test, parameters)
     if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
@@ -226,17 +228,18 @@ def identify(
 def _whiten(
     robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion, instants: BoolArray
 ) -> Rows:
-    """Return the equations of the instants in a mask (T,), whitened by the noise of the torques.
+    """Return the equations of the instants in a mask (T,), whitened by the noise of the `measured` torques.
 
     The equations are those of `ParameterRegressor`. If the torques have the standard deviations E, a diagonal
     matrix, the wrench W = G' tau has the covariance G' E E G = V diag(variance) V'. Multiplied by
     diag(variance)^(-1/2) V' the rows have independent unit noise.
     """
     scale = robot.platform_scale  # divides moments, so that they compare with forces
+    # (n_a,) not zero, even if torques without noise were recorded
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
     variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
-    least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
+    least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]  # of errors of the motion
     deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
@@ -280,7 +283,7 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     sizes = base.described.sizes[leading]
     A = rows.matrix[:, leading] * sizes  # (rows, rank)
     U, sigma, V_rows = np.linalg.svd(A, full_matrices=False)
-    is_seen = sigma > RANK_ROUNDING * sigma[0]
+    is_seen = sigma > RANK_ROUNDING * sigma[0]  # directions that the rows determine
     inverse = V_rows[is_seen].T / sigma[is_seen]  # (rank, seen) V S^-1
     beta = inverse @ (U.T @ rows.right)[is_seen]
     residual = rows.right - A @ beta
@@ -300,16 +303,22 @@ def _fit_possible_bodies(
     file's value.
 
     Args:
-        estimate: least squares estimate from the same rows.
+        base, links: the base parameters, and the parameters of single links and motors.
+        rows: whitened equations of the p parameters of bodies and motors.
+        estimate: least squares estimate of the base parameters from the same rows.
         prior: standard deviation of the file's values, over the sizes of each link's parameters.
     """
+    # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
+    # so small that their inverse squares swamp the other entries of the matrix
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
     prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
+
+    # normal equations (p, p), (p,) of all rows, about the file's values
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows
     misfit = rows.right - rows.matrix @ base.described.values
-    residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
+    residual = rows.matrix.T @ misfit / estimate.noise**2
     return fit_possible_parameters(base.robot, links, information, residual, prior)
 
 
@@ -326,20 +335,21 @@ def torque_error(
     predict. Only those instants count at which G is well conditioned. If there are none, the result is NaN.
 
     Args:
+        regressor: terms of the equations at the T instants of the motion `measured`.
         instants: mask (T,) of the instants to be predicted.
         parameters: (p,) values of the parameters of `TorqueParameters`.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
     least = singular_values(scaled_G / robot.gear_ratio)[:, -1]  # (T,)
-    used = instants & (least > MIN_NOISE_RATIO * least.max())
-    if not used.any():
+    is_predicted = instants & (least > MIN_NOISE_RATIO * least.max())
+    if not is_predicted.any():
         return np.full(robot.n_a, np.nan)
-    G_transposed = G_transposed[used]
-    torque = measured.torque[used]
-    wrench = regressor.matrix[used] @ parameters + regressor.constant[used]
+    G_transposed = G_transposed[is_predicted]
+    torque = measured.torque[is_predicted]
+    wrench = regressor.matrix[is_predicted] @ parameters + regressor.constant[is_predicted]
     missing_wrench = wrench - np.matvec(G_transposed, torque)
-    error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (used, n_a)
+    error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (predicted, n_a)
     error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
     return error_size / np.maximum(torque_size, np.finfo(float).tiny)
 
@@ -397,10 +407,11 @@ def _minimise_misfit(
     T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
 
     Args:
-        information, residual: A'A (p, p) and A'r (p,), as in `fit_possible_parameters`.
+        links: the parameters of links and motors, with T and the file's values.
+        information, residual: A'A (p, p) and A'r (p,) of rows A with unit noise.
         deviation: (u,) prior standard deviations of the parameters.
     """
-    T = links.to_parameters * deviation  # (p, u)
+    T = links.to_parameters * deviation  # (p, u) in units of the prior deviations
     w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
     root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
     change = deviation[:, None] * V / root

@@ -85,12 +85,16 @@ def measured_motion(
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     joints = _read_motor_joints(robot, data)
     torque = _read_torques(robot, data)
+
+    # filter angles and torques
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     instants = low_pass.choose_instants(len(data))
     filtered_torque = low_pass.filter(torque)
     torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
 
-    filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a)
+    filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a) with two derivatives
+
+    # close the loops, from the motors or from the platform
     source = poses or "motors"
     misfit = 0.0
     if source == "motors":
@@ -101,7 +105,7 @@ def measured_motion(
                 raise
             source = "platform"
     if source == "platform":
-        x = low_pass.differentiate(data.columns("platform", robot.axis_names))
+        x = low_pass.differentiate(data.columns("platform", robot.axis_names))  # (3, samples, n)
         motion = _motion_of_platform(robot, x[:, instants])
         misfit = _motor_misfit(robot, data.source, motion, filtered_joints[0, instants], instants)
     return MeasuredMotion(
@@ -141,6 +145,7 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
     """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
     Args:
+        data: the recording, with its number of samples.
         joints: (samples, n_a) positions of the motors' joints.
         period: sampling period [s].
 
@@ -183,10 +188,11 @@ class _LowPass(NamedTuple):
     cutoff: float  # [Hz]
 
     def filter(self, values: Array) -> Array:
-        """Filter values (samples, k) forwards and backwards."""
+        """Filter values (samples, k) forwards and backwards, which cancels the delay."""
         from scipy.signal import butter, sosfiltfilt
 
         sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
+        # three periods of the cutoff at either end, in which the filter settles
         padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
@@ -214,11 +220,11 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
 
     `joints` (3, T, n_a) are on the joint side of the gears, and `progress` is called with the number of poses
     computed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
-    motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift are the joint
-    accelerations at zero acceleration of the platform, drift_a those of the motors.
+    motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint
+    acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
     """
     q_a, dq_a, ddq_a = joints
-    q = _poses_of_motors(robot, q_a, progress)
+    q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
     linearised = linearised_at(robot, q, None)
     _check_clearance(robot, q, linearised)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)
@@ -258,8 +264,8 @@ def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops
     clearances = clearance(robot, linearised)  # (T,)
     change = np.diff(clearances)
     inner = clearances[1:-1]
-    next_value = inner + change[:-1]  # extrapolated
-    previous_value = inner - change[1:]
+    next_value = inner + change[:-1]  # extrapolated through an instant and the one before it
+    previous_value = inner - change[1:]  # through an instant and the one after it
     may_vanish = (next_value <= 0.0) | (previous_value <= 0.0)
     if not may_vanish.any():
         return
@@ -292,7 +298,8 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
     q = np.empty((len(x), robot.model.nq))
     start = assemble(robot, x[0]).q[None]
     for k in range(len(x)):
-        q[k] = start = close_loops(robot, x[k : k + 1], start).q  # from the previous pose
+        start = close_loops(robot, x[k : k + 1], start).q  # (1, nq) from the previous pose
+        q[k] = start[0]
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
@@ -302,16 +309,17 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths.
 
     Args:
+        motion: with poses from the measured platform.
         source: name of the recording, for messages.
         samples: (T,) indices of the instants in the recording.
 
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.
     """
-    offset = robot.actuated_coordinates(motion.q) - q_a
+    offset = robot.actuated_coordinates(motion.q) - q_a  # (T, n_a) [rad, m]
     turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
     distance = np.abs(offset - turns) / robot.column_scale[robot.actuated]
-    k, motor = np.unravel_index(distance.argmax(), distance.shape)
+    k, motor = np.unravel_index(distance.argmax(), distance.shape)  # instant and motor of the largest one
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(

@@ -79,6 +79,7 @@ def recording_columns(robot: ParallelRobot) -> Names:
     """Return all column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
+    # a tracker measures positions even if they are no coordinates of the platform
     axes = dict.fromkeys([*robot.axis_names, *LINEAR_AXES])
     return (
         "time",
@@ -109,6 +110,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     if repeated:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
 
+    # read the columns of this robot, and skip empty lines
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
     if len(rows) < 2:
@@ -137,7 +139,7 @@ def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Seq
         try:
             number = float(cells[k])
         except ValueError:
-            number = np.nan
+            number = np.nan  # refused like any other that is not finite
         if not np.isfinite(number):
             raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
         numbers.append(number)
@@ -263,13 +265,14 @@ def record_sensors(
 
     times = np.arange(count) / sensors.rate
     times[-1] = min(times[-1], simulation.duration)
-    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
-    torques = np.asarray(torque(times))
+    angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))  # (T, n_a)
+    torques = np.asarray(torque(times))  # (T, n_a)
     is_slide = np.array(robot.torque_units) == "N"  # without a gear
     steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
 
+    # the first of `recording_columns`
     columns = [
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),
@@ -286,8 +289,9 @@ def _add_sensor_errors(
     """Add normal noise to values (T, k), and round to multiples of a step.
 
     Args:
-        noise: standard deviation, for each column or one for all.
-        step: resolution likewise; columns with a step of 0 are not rounded.
+        random: draws the noise.
+        noise: standard deviation, for each column (k,) or one for all.
+        step: resolution, for each column (k,) or one for all; columns with a step of 0 are not rounded.
     """
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0

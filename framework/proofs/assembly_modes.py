@@ -141,14 +141,18 @@ def _modes_at_displacements(
     The motors stay as in q (nq,). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
     rotation is left free.
+
+    Args:
+        group: the displacements among which the solutions are.
+        solutions: the real displacements, p in robot lengths.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0
     rotation = reference_frames.rotation[0, 0]  # (3, 3)
     modes = list[AssemblyMode]()
     for R, p, proved in zip(solutions.R, solutions.p, solutions.proved, strict=True):
-        turned = None if group.only_translates else R @ rotation
-        pose = find_joints_at_pose(robot, q, R @ position + p * robot.length, turned)
+        target_rotation = None if group.only_translates else R @ rotation  # None leaves it free
+        pose = find_joints_at_pose(robot, q, R @ position + p * robot.length, target_rotation)
         if pose is not None:
             x = _platform_coordinates(robot, frames_at(robot, pose[None]))
             modes.append(AssemblyMode(pose, x, bool(proved)))
@@ -172,7 +176,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
     """
     starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
-    poses, closed = close_all_loops(robot, starts, robot.following)
+    poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:
@@ -205,17 +209,18 @@ def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> b
     is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
     candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
     offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
-    return are_leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)
+    known = offsets[distinct_rows(offsets)]  # a pose may be among them several times
+    return are_leg_solutions_complete(robot, joints, is_fixed, q, known, x=None)
 
 
 # ------------------------------------------------------------------ conditions of the legs
 
 
 class LegConditions(NamedTuple):
-    """Linear conditions (K, M) on the platform's displacement, motors locked."""
+    """K linear conditions on M functions of the platform's displacement, motors locked."""
 
-    group: Displacements
-    coefficients: Array  # (K, M) of unit size, lengths in robot lengths
+    group: Displacements  # with the M functions
+    coefficients: Array  # (K, M) each row of unit size, lengths in robot lengths
     rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
 
 
@@ -226,7 +231,7 @@ class _Edge(NamedTuple):
     end: int  # body
     joint: int  # of the tree; 0 for a closure
     closure: Closure | None  # None for a joint of the tree
-    forward: bool  # whether it leads from parent to child, or from a closure's first frame to its second
+    forward: bool  # from parent to child, or from a closure's first frame to its second
 
 
 def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
@@ -241,18 +246,19 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     sampler = _Sampler.of(robot, q)
     conditions = list[Array]()
     rounding = 0.0
-    for count, chain in enumerate(_leg_chains(robot)):
+    for count, chain in enumerate(_leg_chains(robot)):  # each chain is a leg
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
+        # the combinations of the group's functions that are zero in all poses of the leg
         R, p = sampler.sample_displacements(chain, group.only_translates)
         null_space, condition_number = _null_space(displacement_functions(R, p)[:, group.chosen])
         conditions.append(null_space)
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
     rows = np.concatenate(conditions)
-    K = group.equations
+    K = group.equations  # number of conditions that have isolated solutions
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
-    if len(rows) > K:  # K random combinations replace the conditions, of which there are too many
+    if len(rows) > K:  # the homotopy needs K conditions: random combinations keep all solutions
         rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     return LegConditions(group, rows, rounding)
@@ -261,7 +267,8 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
 def _null_space(table: Array) -> tuple[Array, float]:
     """Return an orthonormal basis of a table's null space, and the condition number of its row space.
 
-    The vectors of the basis are rows.
+    The table has the shape (poses, M), the basis the shape (M - rank, M). The condition number is the ratio
+    of the largest to the least singular value above rounding.
     """
     _, singular_values, V_rows = np.linalg.svd(table)
     rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
@@ -276,12 +283,12 @@ def _displacement_group(robot: ParallelRobot) -> Displacements | None:
     if not len(robot.following) or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:
-        axis = planar_axis(robot)
-        along = robot.platform.along.tolist()  # base axes of the translations
-        if axis is None or axis in along or len(along) != 2:
+        axis = planar_axis(robot)  # normal to the plane
+        translations = robot.platform.along.tolist()  # base axes along which the platform translates
+        if axis is None or axis in translations or len(translations) != 2:
             return None
         if robot.n == 2:
-            return translation_displacements(tuple(sorted(along)))
+            return translation_displacements(tuple(sorted(translations)))
         return planar_displacements(axis) if robot.n == 3 else None
 
     if robot.n == 3 and not robot.translations.any():
@@ -290,16 +297,20 @@ def _displacement_group(robot: ParallelRobot) -> Displacements | None:
 
 
 def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
-    """Yield all chains from the base to the platform's body that visit no body twice.
+    """Yield all chains of edges from the base to the platform's body that visit no body twice.
 
-    Bodies have the numbers of the joints of the tree that carry them; the base is body 0.
+    An edge is a joint of the tree or a closure, in one of both directions. Bodies have the numbers of the
+    joints of the tree that carry them; the base is body 0.
     """
     model = robot.model
-    forward = [_Edge(model.parents[joint], joint, joint, None, True) for joint in range(1, model.njoints)]
+    forward = [
+        _Edge(model.parents[joint], joint, joint, closure=None, forward=True)
+        for joint in range(1, model.njoints)
+    ]
     for closure in robot.description.closures:
         first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
-        forward.append(_Edge(first, second, 0, closure, True))
-    edges = list[_Edge]()
+        forward.append(_Edge(first, second, 0, closure, forward=True))
+    edges = list[_Edge]()  # in both directions
     for edge in forward:
         edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]
 
@@ -355,7 +366,7 @@ class _Sampler(NamedTuple):
         before, closures are drawn now. If the platform `only_translates`, p is the translation of its frame's
         origin.
         """
-        rng = np.random.default_rng(1)
+        rng = np.random.default_rng(1)  # a fixed seed, so that results are the same in every run
         platform = self.robot.frames[0]
         reference = self.data.oMf[platform]
         rotations = []
@@ -385,15 +396,16 @@ class _Sampler(NamedTuple):
         placements = [self.robot.model.frames[k].placement for k in ends]
         locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
         distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
-        offset = rng.uniform(-1, 1, 3) * self.robot.length  # between the frames' origins, in the first frame
+        # draw the offset between the frames' origins and the rotation vector, both in the first frame
+        offset = rng.uniform(-1, 1, 3) * self.robot.length
         offset[locked_shifts] = 0.0
-        turn = rng.uniform(-np.pi, np.pi, 3)  # rotation vector, in the first frame
+        turn = rng.uniform(-np.pi, np.pi, 3)
 
         if self.normal is None or locked_turns.any():
             turn[locked_turns] = 0.0
             rotation = pin.exp3(turn)
         else:
-            R_a, R_b = (self.data.oMf[k].rotation for k in ends)
+            R_a, R_b = (self.data.oMf[k].rotation for k in ends)  # of both frames at the reference
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
                 offset -= normal * (normal @ offset)  # stays in the plane

@@ -67,7 +67,7 @@ def branch_and_bound(
     proved = list[K]()
     undecided = [select(region, slice(0))]  # a region without pieces leaves none undecided
     examined = 0
-    while len(pending[0]) and examined < max_examined:
+    while len(pending[0]) and examined < max_examined:  # pending[0] is the first array of the stack
         if distance is not None:
             pending = select(pending, np.argsort(distance(pending), kind="stable"))
         result = test(select(pending, slice(BATCH)))

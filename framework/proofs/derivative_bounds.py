@@ -131,12 +131,12 @@ class DerivativeBounds:
 class Derivatives(NamedTuple):
     """Values and derivatives of the R equations at the middles of S boxes."""
 
-    bounds: DerivativeBounds
-    frames: FrameStack
+    bounds: DerivativeBounds  # of the equations
+    frames: FrameStack  # at the middles
     values: Array  # (S, R) loop residuals; the platform's rows are not the values of its coordinates
-    slopes: Array  # (S, R, k)
-    hessians: Array  # (S, R, k, k)
-    chains: dict[Ends, _ChainDerivatives]
+    slopes: Array  # (S, R, k) first derivatives along the joints
+    hessians: Array  # (S, R, k, k) second derivatives
+    chains: dict[Ends, _ChainDerivatives]  # of the vectors in the terms
 
     def take(self, boxes: IntArray) -> Derivatives:
         """Return the derivatives in some of the boxes, by index (b,)."""
@@ -155,21 +155,21 @@ class Derivatives(NamedTuple):
         Let |H| be the moduli of the second derivatives at the middle, and T a bound on the third derivatives.
         At an offset d, |d| <= r, the exact values differ from values + slopes d by at most |H| r r / 2 + T r
         r r / 6, the exact slopes from `slopes` by at most |H| r + T r r / 2, and the exact second derivatives
-        from `hessians` by at most T r.
+        from `hessians` by at most T r. The rounding of values, slopes and `hessians` is added.
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
         hessians = np.abs(self.hessians) + rounding  # |H|
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
-        widening = rounding * (1 + radii.sum(axis=1, keepdims=True))
+        widening = rounding * (1 + radii.sum(axis=1, keepdims=True))  # (S, 1) of values + slopes d
         return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
     def _third_bounds(self, radii: Array) -> Array:
         """Bound sum_k |d3F_ijk| r_k (S, R, k, k) over boxes of radii r (S, k) [rad, m].
 
-        F is dimensionless and so are its derivatives, as in `evaluate`; each bound is the sum over the terms
-        of its row.
+        F and its derivatives are dimensionless: rows are divided by their units, columns multiplied by the
+        units of the joints. Each bound is the sum over the terms of its row.
         """
         thirds = np.zeros_like(self.hessians)
         for term in self.bounds.terms:
@@ -184,7 +184,7 @@ class Remainders(NamedTuple):
 
     values: Array  # (S, R) exact values against values + slopes d
     slopes: Array  # (S, R, k) exact slopes against those computed at the middle
-    hessians: Array  # (S, R, k, k) likewise
+    hessians: Array  # (S, R, k, k) exact second derivatives against those computed at the middle
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
@@ -194,7 +194,8 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     before j on the chain or i = j.
     """
     first, second = chain.ends
-    screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
+    # relative to the first frame, a joint that carries this frame moves the second one backwards
+    screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6) at the base's origin
     turn_axes = screws[..., 3:]
     point = frames.position[:, second]
     u = screws[..., :3] + cross(turn_axes, point[:, None])
@@ -215,13 +216,14 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> tuple[Array, Array, Array]:
-    """Return the vector (S, 3) of a term, with its derivatives (S, L, 3), (S, L, L, 3).
+    """Return the vector (S, 3) of a term, with two derivatives.
 
-    The kind of the term decides. For "direction" the vector is an axis of the second frame, for "turn" the
-    axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
-    and "square" it is p.
+    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. The kind of the
+    term decides. For "direction" the vector is an axis of the second frame, for "turn" the axial vector of
+    the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is
+    p.
     """
-    turn_axes, p, u, seconds = derivatives
+    turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
         axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])
@@ -238,8 +240,9 @@ def _differentiate_term(
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
-    factor * p . p. The chain's derivatives are relative to the first frame, so its axis counts as fixed. The
-    square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
+    factor * p . p. Its vector and p are those of its chain, which has the `derivatives` given. The chain's
+    derivatives are relative to the first frame, so its axis counts as fixed. The square has the slopes 2
+    factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -255,7 +258,7 @@ def _differentiate_term(
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
     factor = term.factor
     if is_square:
-        factor *= 2.0
+        factor *= 2.0  # of derivatives
         seconds += np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
     return term.factor * value, factor * slopes, factor * seconds
 
@@ -263,8 +266,8 @@ def _differentiate_term(
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
     """Bound the levers (S, L) over boxes of radii (S, L), given the levers (S, L) at the middles.
 
-    A joint moves the point by at most radius * lever. The levers of all hinges before it on the chain grow by
-    no more than this.
+    The lever of a joint is the size |u_j| of the derivative of the point along it. A joint moves the point by
+    at most radius * lever. The levers of all hinges before it on the chain grow by no more than this.
     """
     widened = lever.copy()
     travel = np.zeros(len(radii))  # of the point, due to joint j and the joints after it
@@ -287,7 +290,7 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     else:
         lever = _bound_levers(chain, np.linalg.norm(derivatives.u, axis=2), radii)  # (S, L)
     inner, middle, outer = chain.joint_tuples(3)  # (L, L, L) each
-    third_sizes = lever[:, outer] * (turns[inner] & turns[middle])  # (S, L, L, L) at least |d3p|
+    third_sizes = lever[:, outer] * (turns[inner] & turns[middle])  # (S, L, L, L) bounds of |d3p|
     thirds = np.einsum("sijk,sk->sij", third_sizes, radii)
     if term.kind == "square":
         distance = np.linalg.norm(derivatives.p, axis=1)  # |p| at the middle

@@ -58,7 +58,7 @@ Ends = tuple[int, int]  # first and second frame, as indices into Mechanism.fram
 class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
-    ends: Ends
+    ends: Ends  # the two frames
     in_moving: IntArray  # (L,) indices of the joints in `ParallelRobot.moving`
     columns: IntArray  # (L,) indices of the joints in pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame, else 1
@@ -77,7 +77,7 @@ class Term(NamedTuple):
     kind: str  # point: axis . p; direction: axis . second axis; square: p . p; turn: axis . rotation
     first_axis: int  # of the first frame, 0..2
     second_axis: int = 0  # of the second frame, 0..2, in a direction
-    factor: float = 1.0
+    factor: float = 1.0  # of the product
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
@@ -100,10 +100,10 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
     """Yield the one or two terms of loop equation `row`.
 
-    An equation on a base axis (0..2) has two terms: the origin of the second frame less the origin of the
-    first. Any other equation has one term, along the chain between both frames. It is the product of an axis
-    of the first frame with an axis of the second frame (direction) or with its origin (point), or the squared
-    distance between the origins (square).
+    An equation on a base axis `base_axis` (0..2; None for all others) has two terms: the origin of the second
+    frame less the origin of the first. Any other equation has one term, along the chain between both frames.
+    It is the product of an axis of the first frame with an axis of the second frame (direction) or with its
+    origin (point), or the squared distance between the origins (square).
     """
     loops = robot.loops
     number = robot.n + row  # of the equation; those of the platform come first
@@ -121,8 +121,8 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
-    """Return the chain of the moving joints between two frames."""
-    moving = robot.moving.tolist()
+    """Return the chain of the moving joints between two frames, `ends` (first, second)."""
+    moving = robot.moving.tolist()  # columns of the velocity vector
     indices = list[int]()
     signs = list[float]()
     for joint, sign in joints_between(robot, *ends):

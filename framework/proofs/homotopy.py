@@ -93,7 +93,7 @@ class RealSolutions(ReadOnlyArrays):
     R: Array  # (k, 3, 3) rotations of the displacements
     p: Array  # (k, 3) translations, in the unit of the conditions
     proved: BoolArray  # (k,) to exist, to be real and to be single
-    count: PathCount
+    count: PathCount  # how the paths end
     status: Status  # in which sense these are all real solutions
 
 
@@ -114,7 +114,7 @@ def find_real_solutions(
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
 
-    rows, slack = group.eliminate_square(coefficients, rounding)
+    rows, slack = group.eliminate_square(coefficients, rounding)  # equivalent, with bounds on their errors
     attempts = list[RealSolutions]()
     for seed in range(1, MAX_ATTEMPTS + 1):
         attempts.append(_prove_path_ends(group, rows, slack, seed))
@@ -129,26 +129,26 @@ def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
-    """Track all paths once, and prove the solutions at their ends.
+    """Track all paths to one system once, and prove the solutions at their ends.
 
     A solution is decided if its enclosure is proved to hold exactly one solution, and either the solution is
     real or the enclosure contains no real point.
 
     Args:
-        coefficients: (K, M).
+        coefficients: (K, M) of the system.
         slack: (K, M) bounds on the errors of the coefficients.
-        seed: chooses the paths.
+        seed: of the random numbers that choose the paths.
     """
     quadrics = group.quadrics(coefficients)
     ends = find_path_ends(group, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
-    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N) of S arrived paths
 
     # the middle of an enclosure must be real for its solution to be proved real
     norms = np.linalg.norm(z, axis=1)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
-    is_new = first_occurrences(z / norms[:, None])
+    is_new = first_occurrences(z / norms[:, None])  # two paths may have ended at one solution
     proof = enclose_solutions(quadrics, group.quadrics_slack(slack), chart, z)
     count = _count_paths(group, ends, z, is_real, is_new, proof)
 
@@ -184,6 +184,7 @@ def _count_paths(
         proof: the enclosures of the ends z.
     """
     proved = proof.proved
+    # (S,) each, of the paths that arrived
     is_infinite = ends.infinite[ends.arrived] & ~proved
     is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
@@ -230,17 +231,18 @@ def solve_start_system(group: Displacements) -> StartSystem:
     random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
     """
     rng = np.random.default_rng(0)
-    z = group.random_point(rng)
+    z = group.random_point(rng)  # (N,)
     members = group.values(z[None])[0]  # (M,) at z
     # z solves a system whose coefficients are orthogonal to the members at z
     system = group.random_coefficients(rng)
     system -= np.outer(system @ members, members.conj()) / np.vdot(members, members)
     system /= np.linalg.norm(system, axis=1, keepdims=True)
 
-    solutions = z[None]
+    solutions = z[None]  # (known solutions, N)
     for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
+        # back to the same system by another way, on which the solutions may change places
         back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
         candidates = np.concatenate([solutions, back.z[back.arrived]])
         solutions = candidates[first_occurrences(candidates)]
@@ -269,28 +271,30 @@ def track_paths(
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    The chart is random. Each path has its own t from 0 to 1 and its own step. A step is good if its
-    correction is small. The step is doubled after several good ones, and halved after any other, which is not
-    taken. A path is lost if its step becomes too short.
+    The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good
+    if its correction is small. The step is doubled after several good ones, and halved after any other, which
+    is not taken. A path is lost if its step becomes too short.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
     homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
-    t = np.zeros(len(z))
+    t = np.zeros(len(z))  # (S,) of each path, like the next two
     step = np.full(len(z), FIRST_STEP)
-    good_steps = np.zeros(len(z), dtype=int)
+    good_steps = np.zeros(len(z), dtype=int)  # successive ones
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
+        # step, and keep the good steps
         h = np.minimum(step[live], 1.0 - t[live])  # not beyond t = 1
         ahead, correction = homotopy.advance(z[live], t[live], h)
         is_good = correction < NEWTON_STEP
         z[live[is_good]] = ahead[is_good]
         t[live[is_good]] += h[is_good]
 
+        # adapt the step of each path
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
         grows = good_steps[live] >= STEPS_BEFORE_GROWTH
-        good_steps[live[grows]] = 0
+        good_steps[live[grows]] = 0  # count again
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
         live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
@@ -328,13 +332,15 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
     start_system = solve_start_system(group)
     start = _rotate_phases(start_system.coefficients, rng)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    z, arrived = track_paths(group, start, target, start_system.z, rng)
+    z, arrived = track_paths(group, start, target, start_system.z, rng)  # (S, N), (S,)
 
     is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
+    # the endgame completes these arrays
     infinite, multiple = np.zeros((2, len(z)), dtype=bool)
     ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
     last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
     _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
+    # of a path that never arrives, its last point
     ends.z[~ends.arrived] = last[~ends.arrived]
     return ends
 
@@ -367,7 +373,7 @@ def _run_endgame(
 
     Args:
         line: coefficients (K, M) of the start system and of the target system.
-        ends: of all S paths.
+        ends: of all S paths; completed where the endgame finds an end.
         last: (S, N) points of the paths, at the start of the line if live; the last points on return.
         live: (S,) paths to classify; becomes False where a path is classified or lost.
     """
@@ -377,6 +383,7 @@ def _run_endgame(
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         if not live.any():
             break
+        # track all paths to the end of the next segment; those that do not arrive there are lost
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
         tracked = track_paths(group, segment_start, segment_end, last[live], rng)
         last[live] = tracked.z
@@ -386,13 +393,15 @@ def _run_endgame(
         if segment < AGREEING_EXPONENTS:
             continue
 
-        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S) over the last A segments
+        # classify: changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
+        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
         live &= ~(is_infinite | is_finite)
         ends.infinite[is_infinite] = True
 
+        # track paths with a finite end to it; at a multiple solution they do not arrive
         is_open = is_finite & ~ends.arrived
         last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
         ends.z[is_open], ends.arrived[is_open] = last_stretch
@@ -407,7 +416,7 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Equations of all paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
+    """Equations of all S paths z(t): z' (start + t change) z = 0 and chart . z = 1."""
 
     start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
     change: ComplexArray  # (N - 1, N, N) from t = 0 to t = 1
@@ -426,12 +435,16 @@ class _LinearHomotopy(NamedTuple):
         """
         right = np.zeros_like(z)
         right[:, :-1] = -0.5 * np.matvec(matrix_products(self.change, z), z)
-        return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
+        return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]  # the factor 2 cancels
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute the Newton step (S, N), of least norm where the Jacobian is singular."""
+        """Compute the Newton step (S, N) at z (S, N), t (S,).
+
+        The step has the least norm where the Jacobian is singular. Values and Jacobian are both halved: half
+        the Jacobian times z gives the values of the quadrics.
+        """
         half_jacobian = self.half_jacobian(z, t)
-        half_values = 0.5 * np.matvec(half_jacobian, z)
+        half_values = 0.5 * np.matvec(half_jacobian, z)  # (S, N)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
@@ -442,6 +455,7 @@ class _LinearHomotopy(NamedTuple):
         correction returned is the size of the last Newton step, relative to |z|.
         """
         H = h[:, None]  # (S, 1) multiplies vectors
+        # rates (S, N) at the start, twice in the middle, and at the end of the step
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)

@@ -43,7 +43,7 @@ class LinearEnclosure(NamedTuple):
         return LinearEnclosure(np.matvec(mixers, self.values), mixers @ self.slopes, errors)
 
     def concatenate(self, other: LinearEnclosure) -> LinearEnclosure:
-        """Join the equations of two enclosures over the same boxes."""
+        """Return the equations (S, m + m', k) of two enclosures over the same boxes."""
         return LinearEnclosure(*map(np.hstack, zip(self, other, strict=True)))
 
 
@@ -78,7 +78,7 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 
     # each equation bounds each unknown; the intersection of all intervals remains
     with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
+        root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)  # middle of the interval
         rounding = 8 * UNIT_ROUNDOFF * np.abs(root)
         half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
     lower = np.maximum((root - half_width).max(axis=1), -radii)
@@ -93,8 +93,8 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     """Invert m independent columns of slopes (S, m, k), m <= k; return mixers (S, m, m).
 
-    The columns are those with the largest terms slopes * radii in the box, chosen by Gaussian elimination
-    with complete pivoting.
+    In the mixed equations the matrix of these m unknowns is the identity. The columns are those with the
+    largest terms slopes * radii in the box, chosen by Gaussian elimination with complete pivoting.
     """
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
@@ -115,9 +115,10 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
 def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
     """Compute mixers (S, k + m, m), m >= k, from slopes (S, m, k) that may lose rank.
 
-    Divided by the errors and multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are
-    the damped inverse V diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses
-    small ones. The other mixers are U'.
+    The mixers combine `equations` in boxes of `radii` (S, k), for `contract`. Divided by the errors and
+    multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are the damped inverse V
+    diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses small ones. The other
+    mixers are U'.
     """
     weights = 1.0 / equations.errors  # (S, m)
     J = equations.slopes * radii[:, None] * weights[:, :, None]
@@ -155,10 +156,10 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     Returns:
         The enclosures of (eta, g) and of (psi, g).
     """
-    U, _, V_rows = np.linalg.svd(P)
+    U, _, V_rows = np.linalg.svd(P)  # singular values descend, so the least one is the last
     b = U[:, :, -1:]  # (S, s, 1)
     c_row = V_rows[:, -1:]  # (S, 1, s)
-    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])
+    M = np.block([[P, b], [c_row, np.zeros((len(P), 1, 1))]])  # (S, s + 1, s + 1)
     X = approximate_inverses(M)
     M_errors = np.pad(errors + rounding, ((0, 0), (0, 1), (0, 1)))  # the border is exact
     right = _enclose_last_column(M, X, M_errors, rounding)
@@ -174,11 +175,12 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     (Rump, Acta Numerica 2010, section 10).
 
     Args:
+        X: (S, k, k) near the inverse of M.
         M_errors: (S, k, k) bounds on the change of M within a box.
         rounding: bound on the error of the entries of M at the middle.
     """
     k = M.shape[1]
-    z = X[:, :, -1]
+    z = X[:, :, -1]  # (S, k) z~
     e = np.eye(k)[-1]
     z_size = np.abs(z)
     X_size = np.abs(X)

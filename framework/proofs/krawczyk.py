@@ -47,6 +47,7 @@ class NewtonMap(NamedTuple):
     z is the offset from the point.
     """
 
+    # both real or complex
     Y: Any  # (S, k, k) near the inverse of J at the point; zero where J is singular
     root: Any  # (S, k) value of the map at the point: -Y F
     rounding: Array  # (S, k) bound on the error of `root`
@@ -62,6 +63,8 @@ class NewtonMap(NamedTuple):
     def errors(self, value_errors: Array, radii: Array) -> Array:
         """Bound the distance (S, k) of the map from `root`, over boxes of radii (S, k).
 
+        At the offset z, z - Y F(z) = root - Y (F(z) - values - J z) + (1 - Y J) z.
+
         Args:
             value_errors: (S, k) bounds on the distance of F from values + J z within the boxes.
         """
@@ -75,8 +78,8 @@ Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), r
 def widen_until_proved(test: Callable[[Array], Tested], radii: Array) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
-    At most MAX_TESTS tests are made. Wider radii are at least MIN_RADIUS, and MAX_RADIUS or little more at
-    most.
+    `test` takes radii (S, k) and returns its record of the boxes. At most MAX_TESTS tests are made. Wider
+    radii are at least MIN_RADIUS, and MAX_RADIUS or little more at most.
     """
     tested = test(radii)
     for _ in range(MAX_TESTS - 1):
@@ -91,8 +94,8 @@ class Existence(NamedTuple):
     """Existence of one solution in S boxes, for each value of the parameter p."""
 
     proved: BoolArray  # (S,)
-    lower: Array  # (S, k) bound on all solutions in the box, as an offset from the middle
-    upper: Array  # (S, k) likewise
+    lower: Array  # (S, k) lower bound on all solutions in the box, as an offset from the middle
+    upper: Array  # (S, k) upper bound, from the middle too
     along: Array  # (S, k) derivative of the solutions with respect to p; 0 without a parameter
     spread: Array  # (S, k) largest distance of the solutions from middle + along * p
 
@@ -113,7 +116,7 @@ def prove_existence(
         parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
-    # J, values and errors of m equations, and of d_p = p at p = 0
+    # J, values and errors of m equations and of d_p = p, which is exact; p = 0 at the middle
     parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.hstack([equations.slopes, parameter_rows])

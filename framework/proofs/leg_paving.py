@@ -53,7 +53,8 @@ def are_leg_solutions_complete(
         x: (n,) coordinates of the platform; None with locked motors.
     """
     platform = robot.platform
-    if x is not None and isinstance(platform, JointPlatform):  # the platform's joints are fixed at x
+    if x is not None and isinstance(platform, JointPlatform):
+        # the platform's coordinates are joints: fix these joints at x, and leave x out of the equations
         is_unknown = np.isin(own, platform.columns, invert=True)
         own = own[is_unknown]
         candidates = candidates[:, is_unknown]
@@ -71,7 +72,7 @@ def are_leg_solutions_complete(
     region = _joint_region(equations) if equations.kinds else None
     if region is None:
         return False
-    residuals = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
+    residuals = equations(candidates, np.zeros_like(candidates)).values  # (c, m) in boxes of zero radius
     points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
     period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
     known = KnownSolutions(points, unique_radii(equations, points), period)
@@ -91,8 +92,8 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 def _joint_region(equations: LegEquations) -> Boxes | None:
     """Return a box of all hinge angles, and all slide lengths at which the chain can close.
 
-    A slide reaches from its zero to the bound of `bound_slide`, in both directions. Without such a bound the
-    result is None.
+    The box has offsets of the joints from q. A slide reaches from its zero to the bound of `bound_slide`, in
+    both directions. Without such a bound the result is None.
     """
     robot = equations.robot
     own = equations.own
@@ -102,7 +103,7 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
         farthest = equations.bound_slide()
         if farthest is None:
             return None
-        middle[slide] = -_slide_lengths(robot, equations.q)[own[slide]] / robot.length
+        middle[slide] = -_slide_lengths(robot, equations.q)[own[slide]] / robot.length  # the slide's zero
         radii[slide] = farthest
     return Boxes(middle[None], radii[None])
 
@@ -144,7 +145,8 @@ def unique_radii(equations: Equations, points: Array) -> Array:
 def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSolutions) -> bool:
     """Return whether the boxes of a region provably hold only known solutions; False if undecided.
 
-    A box is dropped if its linear enclosure has no solution, or if it lies in the box of a known solution.
+    The region, the `equations` and the solutions have one offset for each joint [rad, robot lengths]. A box
+    is dropped if its linear enclosure has no solution, or if it lies in the box of a known solution.
     Otherwise the enclosure narrows it, or it is cut.
     """
 
@@ -155,6 +157,7 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
         all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
         is_open = ~remaining.empty & ~known.contains(all_narrow)
 
+        # narrow the boxes that may hold another solution again, halve them, or leave them undecided
         narrow = select(all_narrow, is_open)
         is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
         no_axis = np.full(narrow.size, NO_AXIS)
@@ -190,11 +193,17 @@ class LegEquations:
 
         A loop row counts if a joint of the leg moves it and no free joint does, and so do the coordinates x
         of the platform. They determine its attitude if they include all rotations: three, or one in a plane.
-        Arguments as in `are_leg_solutions_complete`; the platform's frame has the number 0.
+        The platform's frame has the number 0.
+
+        Args:
+            own: (n,) columns of the velocity vector of the leg's joints.
+            fixed: (nv,) mask of the columns that keep their values in q.
+            q: (nq,) configuration, assembled at x if x contains rotations.
+            x: (platform coordinates,) of the platform; None with locked motors.
         """
-        carried = scratch_of(robot).carried
+        carried = scratch_of(robot).carried  # (frames, nv) whether a joint carries a frame
         rows = robot.rows
-        free = ~fixed
+        free = ~fixed  # columns of joints that are neither fixed nor the leg's
         free[own] = False
 
         # loops, each with the chain between its frames; a joint moves a row if it carries one frame alone
@@ -226,9 +235,9 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, chains, chain_of, kinds, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes of middles and radii (B, n) [rad, robot lengths].
+        """Enclose the m equations in boxes of middles and radii (B, n) [rad, robot lengths].
 
-        Values and slopes are those at the middles.
+        The middles are offsets from q; values and slopes are those at the middles.
         """
         robot = self.robot
         own = self.own
@@ -240,7 +249,7 @@ class LegEquations:
         if self.attitude is not None:
             axes, axis_slopes = attitude_equations(frames, self.attitude)
             parts.append((axes, axis_slopes[:, :, own]))
-        values, slopes = map(np.hstack, zip(*parts, strict=True))
+        values, slopes = map(np.hstack, zip(*parts, strict=True))  # (B, m), (B, m, n)
         return LinearEnclosure(values, slopes * units, self._bound_errors(frames.q, radii))
 
     def _bound_errors(self, q: Array, radii: Array) -> Array:
@@ -254,8 +263,9 @@ class LegEquations:
         slid += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)  # largest in the boxes
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         pairs = zip(self.chain_of, self.kinds, strict=True)
-        terms = [getattr(bounds[chain], kind) for chain, kind in pairs]
+        terms = [getattr(bounds[chain], kind) for chain, kind in pairs]  # (B,) each
         errors = np.reshape(terms, (len(self.kinds), len(q))).T
+        # a loop row is a weight times the position, attitude or half square that the bounds are for
         errors[:, : len(self.loops)] *= np.abs(robot.rows.derivative_weight[self.loops])
         longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain, if any
         return errors + FRAME_ROUNDING * (1.0 + np.reshape(longest, (-1, 1)))
@@ -271,8 +281,8 @@ class LegEquations:
     def _linearise_position(self, frames: FrameStack, x: Array) -> tuple[Array, Array]:
         """Compute offsets (B, t) of the platform's frame from x [robot lengths], and slopes (B, t, n).
 
-        The offsets are those along its t translations. `platform.along` are the base axes of the
-        translations, `platform.sliding` their indices in x.
+        The `frames` are those at the middles of B boxes, the offsets those along the t translations.
+        `platform.along` are the base axes of the translations, `platform.sliding` their indices in x.
         """
         platform = self.robot.platform
         offset = frames.position[:, 0, platform.along] - x[platform.sliding]
@@ -287,10 +297,11 @@ class LegEquations:
         """
         robot = self.robot
         slide = np.flatnonzero(robot.sliding[self.own])[0]  # its index among the leg's joints
-        joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))
+        joints = np.random.default_rng(0).uniform(-2, 2, (3, len(self.own)))  # three poses
         squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, m)
         is_translation = np.array(self.kinds) != "attitude"
-        offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
+        # [m] largest distance that the equations allow between the ends of a chain
+        offset = robot.rows.reach[self.loops].sum()
         offset += 0.0 if self.x is None else np.abs(self.x).sum()
 
         bounds = []
@@ -330,13 +341,14 @@ class LeverChain(NamedTuple):
     def of(robot: ParallelRobot, own: IntArray, slid: Array, first: int, second: int) -> LeverChain:
         """Add up the links from the second frame's origin to the first frame, or to BASE.
 
-        `own` (n,) are the columns of the leg's joints, `slid` (nv,) the lengths [m] of fixed slides.
+        The chain is followed from the second frame. `own` (n,) are the columns of the leg's joints, `slid`
+        (nv,) the lengths [m] of fixed slides.
         """
         model = robot.model
         n = len(own)
         is_slide = robot.sliding[own]
         is_inside = np.zeros(n, dtype=bool)
-        length = np.zeros(1 + n)
+        length = np.zeros(1 + n)  # of the chain up to the joint reached, as a row of the class
         length[0] = _offset_on_body(robot, second)
         levers = np.zeros((n, 1 + n))
         for number, sign in reversed(joints_between(robot, first, second)):
@@ -367,14 +379,14 @@ class LeverChain(NamedTuple):
         levers = lengths @ self.levers.T  # (B, n)
         length = lengths @ self.length  # (B,)
 
-        turns = radii * self.turning  # (B, n)
-        turn = radii @ self.turning  # (B,) of all hinges
-        slide = radii @ self.sliding  # (B,) of all slides
+        turns = radii * self.turning  # (B, n) 0 for slides
+        total_turn = radii @ self.turning  # (B,) of all hinges
+        total_slide = radii @ self.sliding  # (B,) of all slides
         lesser = np.minimum(levers[:, :, None], levers[:, None])  # (B, n, n) lever of two hinges
-        position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + turn * slide
-        travel = (turns * levers).sum(axis=1) + slide  # of the point
+        position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + total_turn * total_slide
+        travel = (turns * levers).sum(axis=1) + total_slide  # of the point
         square = (length * position + 0.5 * travel**2) * self.robot_length
-        return ChainBounds(position, 0.5 * turn**2, square, length)
+        return ChainBounds(position, 0.5 * total_turn**2, square, length)
 
 
 def _slide_lengths(robot: ParallelRobot, q: Array) -> Array:

@@ -59,12 +59,13 @@ def find_joints_at_pose(
 def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
     """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
 
-    The derivative of an axis e along a joint that turns about w_j is w_j x e.
+    The slopes are derivatives along all joints. The derivative of an axis e along a joint that turns about
+    w_j is w_j x e.
     """
     axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
-    turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
-    slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, axis, nv, 3)
-    offsets = (axes - rotation.T).reshape(-1, 9)
+    turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j
+    slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, 3, nv, 3): axis, joint, coordinate
+    offsets = (axes - rotation.T).reshape(-1, 9)  # the axes of the rotation are its columns
     return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
 
 
@@ -74,7 +75,7 @@ def close_all_loops(
     columns: IntArray,
     extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
 ) -> tuple[Array, BoolArray]:
-    """Close the loops by Newton's method from q (T, nq); return q, closed (T,).
+    """Close the loops by Newton's method from q (T, nq); return q (T, nq), mask (T,) of closed loops.
 
     Redundant equations are included, so each step solves a least-squares problem; steps are cut to
     MAX_SEARCH_STEP. One more step after all loops are closed reduces the residuals to rounding.
@@ -93,15 +94,16 @@ def close_all_loops(
             values = np.hstack([values, extra_values])
             slopes = np.hstack([slopes, extra_slopes])
 
-        size = np.abs(values).max(axis=1)  # (T,)
+        residual = np.abs(values).max(axis=1)  # (T,) largest of each configuration
         if is_last or not len(q):
             break
-        is_last = bool((size < LOOP_GAP).all())
+        is_last = bool((residual < LOOP_GAP).all())
 
+        # a step of least norm, shortened so that no joint moves by more than MAX_SEARCH_STEP
         step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
         step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
         q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
-    return q, size < LOOP_GAP
+    return q, residual < LOOP_GAP
 
 
 def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
@@ -141,21 +143,21 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
 
     With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
-    loops (and the platform).
+    loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
     """
     linearised = linearised_at(robot, q[None], None)
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
-    J = type1_matrix(robot, linearised)
+    J = type1_matrix(robot, linearised)  # of platform and loops
     if not platform_locked:
         values = values[:, robot.n :]
-        J = passive_matrix(robot, linearised)
+        J = passive_matrix(robot, linearised)  # of the loops
     _, k, joints = J.shape
     if k != joints:
         return False
     rounding, second_derivative = _bound_equations(robot, q)
     inverse_size = np.abs(approximate_inverses(J))
     radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
-    slope_changes = np.full_like(J, second_derivative * k * radius + rounding)
+    slope_changes = np.full_like(J, second_derivative * k * radius + rounding)  # k joints move by the radius
     equations = LinearEnclosure(values, J, np.full_like(values, rounding))
     proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
     return bool(proof.proved[0])
@@ -172,7 +174,7 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
     row_size = robot.structure.row_sizes.min(initial=1.0)
     units = np.where(robot.loops.square, robot.length, 1.0)
     max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = (2 * max_length) ** 2 * max_weight / row_size
+    second_derivative = (2 * max_length) ** 2 * max_weight / row_size  # 4 L^2, made dimensionless
     return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
@@ -181,7 +183,7 @@ def distinct_rows(joints: Array) -> list[int]:
 
     Rows are compared with those kept so far. Slides [robot lengths] are compared like angles.
     """
-    points = np.exp(1j * joints)  # on the unit circle
+    points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()
     for k, point in enumerate(points):
         offsets = np.abs(points[distinct] - point).max(axis=1, initial=0.0)

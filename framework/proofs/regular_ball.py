@@ -83,6 +83,7 @@ def prove_regular_ball(
     single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return single_radius
+    # the work of a cell grows as the fourth power of the number of joints
     affordable_cells = int(MAX_WORK / len(robot.moving) ** 4)
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
@@ -115,7 +116,7 @@ class _Cubes(NamedTuple):
 
     level: IntArray  # (S,) number of halvings of the first cube
     numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
-    cells: Cells
+    cells: Cells  # of S
 
     @property
     def widths(self) -> Array:
@@ -146,7 +147,8 @@ class _Cubes(NamedTuple):
         The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
         them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
         of the one about the pose, clipped to the range from one before to one behind the smallest cubes
-        within the cube. The neighbour is the cube in which that smallest cube lies.
+        within the cube. So it lies within the cube only along axes along which the cube contains the pose.
+        The neighbour is the cube in which that smallest cube lies.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
@@ -157,7 +159,8 @@ class _Cubes(NamedTuple):
         index_of = {tuple(key): index for index, key in enumerate(keys)}
         neighbour = np.full(len(keys), -1)
         for level in np.unique(self.level).tolist():
-            ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
+            # numbers (S, n) of the cubes of this level that contain them: each level halves the numbers
+            ancestors = inward >> (MAX_CUTS - level)
             for k, numbers in enumerate(ancestors.tolist()):
                 neighbour[k] = index_of.get((level, *numbers), neighbour[k])
         return neighbour
@@ -169,7 +172,7 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested
     alone. Then the proved ones are compared with their neighbours.
     """
-    n = len(test.x)
+    n = len(test.x)  # platform coordinates
     width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
     start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
@@ -192,30 +195,35 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     proved = select(proved, distances(proved) < partition.limit)
     if not len(proved.level):
         return 0.0
+    # the ball ends at the nearest cube without proof, or on another branch
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
     return float(distances(disagreeing).min(initial=partition.limit))
 
 
 def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test cubes on the branch whose determinants have the signs (1, 2).
+    """Test S cubes on one branch.
 
-    `width` is that of the first cube [robot lengths, rad]. A cube whose joints turn out to be on another
-    branch is not proved, and keeps its parent's cell.
+    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
+
+    Args:
+        width: width of the first cube [robot lengths, rad].
+        signs: (1, 2) of det dF/dq and det P on the branch.
     """
-    z = width * cubes.middles()
+    z = width * cubes.middles()  # (S, n)
     tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
-    assign(tested, is_elsewhere, select(parents, is_elsewhere))
+    assign(tested, is_elsewhere, select(parents, is_elsewhere))  # in the arrays of `tested`
     return cubes._replace(cells=tested)
 
 
 def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:
     """Return whether each cube is on the branch of its inward neighbour, (S,).
 
-    The cube about the pose must have the joints q. At the point nearest to the pose each cube has exactly one
-    configuration, in the joint box of a cell of size zero. Two cubes share this configuration if the joint
-    boxes of both contain this box. `width` is that of the first cube [robot lengths, rad].
+    The cube about the pose must have the joints q (nq,) of the pose. At the point nearest to the pose each
+    cube has exactly one configuration, in the joint box of a cell of size zero. Two cubes share this
+    configuration if the joint boxes of both contain this box. `width` is that of the first cube [robot
+    lengths, rad].
     """
     cells = cubes.cells
     nearest = width * cubes.nearest_points()
@@ -226,7 +234,7 @@ def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q:
     agree = points.proved & (neighbour >= 0)
     for sharing_cells in (cells, select(cells, neighbour)):
         agree &= _contain_joint_boxes(test, sharing_cells, joints, ROUND_UP * points.radii)
-    has_pose = (nearest == 0).all(axis=1)
+    has_pose = (nearest == 0).all(axis=1)  # the cube about the pose
     agree[has_pose] &= _contain_joint_boxes(test, select(cells, has_pose), q, LOOP_GAP)
     return agree
 
@@ -248,9 +256,9 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
     fails, the extrapolated joints are returned.
     """
     robot = test.bounds.robot
-    change = np.matvec(cells.slope, z - cells.z)  # (S, k)
-    change = np.clip(change, -MAX_NEWTON_STEP, MAX_NEWTON_STEP)
-    guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
+    change = np.matvec(cells.joint_slopes, z - cells.z)  # (S, k)
+    step = np.clip(change, -MAX_NEWTON_STEP, MAX_NEWTON_STEP)  # the slope may be huge near a singularity
+    guess = integrate_columns(robot, cells.q, robot.moving, step * test.bounds.column_scale)
     result = close_each(robot, test.x + z * robot.platform_scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
 
@@ -261,41 +269,46 @@ class Cells(NamedTuple):
     z: Array  # (S, n) middles, relative to the pose [robot lengths, rad]
     q: Array  # (S, nq) configurations at the middles
     proved: BoolArray  # (S,) to be free of singularities
-    slope: Array  # (S, k, n) of the joints along the platform's coordinates
-    radii: Array  # (S, k) of the joint box that holds one pose for each x of the cell
-    signs: Array  # (S, 2) of det dF/dq and det P at the middle
+    joint_slopes: Array  # (S, k, n) derivatives of the joints along z
+    radii: Array  # (S, k) of the joint box that holds one pose for each x of the cell [robot lengths, rad]
+    signs: Array  # (S, 2) of det dF/dq and det P at the middle: equal on one branch
 
 
 class CellTest(NamedTuple):
     """The test of cells about a pose of a robot."""
 
-    bounds: DerivativeBounds
+    bounds: DerivativeBounds  # of F along the moving joints
     x: Array  # (n,) platform coordinates of the pose
 
     def __call__(self, z: Array, q: Array, half: Array, *, dual_norm: int = 1) -> Cells:
-        """Test cells about z (S, n) of half width `half` (S,), with the joints q (S, nq) at the middles.
+        """Test S cells, each about one point.
 
         F is [platform - x ; loops], and dF (S, k, k) its Jacobian along the joints. The rows of the loops and
-        the columns of the passive joints are the block P of dF.
+        the columns of the passive joints are the block P of dF. All of them are dimensionless.
 
         Args:
-            dual_norm: 1 if cells are cubes, 2 if they are balls of the radius `half`; see `_bound_over_cell`.
+            z: (S, n) middles of the cells, relative to the pose [robot lengths, rad].
+            q: (S, nq) configurations at the middles, with closed loops.
+            half: (S,) half widths of cubes, or radii of balls [robot lengths, rad].
+            dual_norm: 1 if the cells are cubes, 2 if they are balls: the exponent of the norm that
+                `_bound_over_cell` takes of slopes.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
-        F = derivatives.values.copy()  # (S, k)
+        F = derivatives.values.copy()  # (S, k) its rows of the platform do not contain the value yet
         x = self.x + z * robot.platform_scale
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
 
         newton = NewtonMap.of(dF, F)
-        slope = newton.Y[:, :, : robot.n]  # (S, k, n) of the joints along x
-        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(slope, half, dual_norm))
-        regular = _passive_block_is_regular(derivatives, slope, half, boxes, dual_norm)
+        # dF dq = [dz; 0], so the first n columns of the inverse are the derivatives of the joints
+        joint_slopes = newton.Y[:, :, : robot.n]
+        boxes = _prove_joint_boxes(derivatives, newton, _bound_over_cell(joint_slopes, half, dual_norm))
+        regular = _passive_block_is_regular(derivatives, joint_slopes, half, boxes, dual_norm)
 
         P = dF[:, robot.n :, robot.n_a :]
         signs = np.column_stack([np.linalg.slogdet(block).sign for block in (dF, P)])
-        return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
+        return Cells(z, q, boxes.proved & regular, joint_slopes, boxes.radii, signs)
 
 
 class _JointBoxes(NamedTuple):
@@ -345,36 +358,42 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
 
 
 def _passive_block_is_regular(
-    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, dual_norm: int
+    derivatives: Derivatives, joint_slopes: Array, half: Array, boxes: _JointBoxes, dual_norm: int
 ) -> BoolArray:
     """Return whether P is regular all over the cells, (S,): no Type 2 singularity.
 
     P is the block of dF/dq of loops and passive joints, P_m its value at the middle, and Y is near the
-    inverse of P_m. The joints change by `slope` (S, k, n) times z, up to their error. P is regular where the
-    bound N on |1 - Y P|,
+    inverse of P_m. From the middle the joints change by joint_slopes dz, up to their error. P is regular
+    where the bound N on |1 - Y P|,
 
-        N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
+        N = |1 - Y P_m| + |Y dP joint_slopes| |dz| + |Y| (|dP| error + |change of dP| radii / 2),
 
-    has a spectral radius below 1. For `half` and `dual_norm` see `_bound_over_cell`; `box` holds the joints.
+    has a spectral radius below 1.
+
+    Args:
+        joint_slopes: (S, k, n) derivatives of the joints along the platform's coordinates.
+        half, dual_norm: size and norm of the cells, see `_bound_over_cell`.
+        boxes: (S, k) boxes that hold the joints of the cells.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding
     P = derivatives.slopes[:, robot.n :, robot.n_a :]  # (S, s, s)
     dP = derivatives.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k)
-    dP_change = box.remainders.hessians[:, robot.n :, robot.n_a :]
+    dP_change = boxes.remainders.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k) bounds
     s, k = dP.shape[2:]
     Y = approximate_inverses(P)
     Y_size = np.abs(Y)
     dP_size = np.abs(dP)
 
     # linear change of Y P with the platform's coordinates, and its rounding
-    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
-    step = _bound_over_cell(slope, half, 1)  # (S, k) of the joints
+    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, joint_slopes, optimize=True)  # (S, s, s, n)
+    step = _bound_over_cell(joint_slopes, half, 1)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _bound_over_cell(changes, half, dual_norm) + gamma(s * k) * rounded
-    # remaining change of P
-    P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
-    P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)
+
+    # remaining change of P; along a line from the middle, dP changes by half its largest change on average
+    P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, boxes.error)
+    P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, boxes.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
     N = ROUND_UP * (N + Y_size @ P_errors)
     return _spectral_radius_below_one(N, np.ones((1, s))) & Y.any(axis=(1, 2))

@@ -83,7 +83,7 @@ class SingularPaving:
     window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
     resolution: float  # [m, robot lengths] largest width of proved boxes
     reach: float  # [robot lengths] of slides about the reference; hinges turn all the way round
-    seconds: float
+    seconds: float  # computing time
 
     @property
     def complete(self) -> bool:
@@ -139,6 +139,7 @@ def pave_singularities(
         )
         if region.shape != (2, robot.n) or not (region[0] < region[1]).all():
             raise InvalidInput(f"window: needs (2, {robot.n}) numbers, the least and the largest")
+
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
@@ -161,7 +162,10 @@ def _expect_pavable(robot: ParallelRobot) -> None:
 
 
 def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
-    """Pave one set over all turns of hinges and slides within `reach` [robot lengths]."""
+    """Pave one set over all turns of hinges and slides within `reach` [robot lengths].
+
+    At most `max_boxes` boxes are tested; the others are undecided.
+    """
     bounds = test.bounds
     robot = bounds.robot
     k = len(robot.moving)
@@ -171,6 +175,8 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
 
     arcs = join(partition.proved)
     undecided = join([partition.undecided, partition.pending])
+
+    # where the platform may be in undecided boxes
     derivatives = bounds.evaluate(bounds.configurations(undecided.middle))
     remainders = derivatives.remainders(undecided.radii).values
     return PavedSet(
@@ -185,10 +191,11 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
 
 
 def _platform_radii(derivatives: Derivatives, radii: Array, remainders: Array) -> Array:
-    """Bound the change (S, n) [m, rad] of platform coordinates over boxes.
+    """Bound the change (S, n) [m, rad] of platform coordinates over S boxes.
 
     Args:
-        radii: (S, k) of the boxes.
+        derivatives: of the equations at the middles.
+        radii: (S, k) of the boxes [rad, robot lengths].
         remainders: (S, R) of the values within these radii.
     """
     robot = derivatives.bounds.robot
@@ -201,14 +208,15 @@ class SingularSet(NamedTuple):
     """Poses in which a block of s rows and columns of dF/dq loses rank."""
 
     name: str  # type_2, or type_1 with the motors of the leg
-    rows: IntArray  # (s,)
-    columns: IntArray  # (s,) among the moving columns
+    rows: IntArray  # (s,) equations of the block: of the platform, then of the loops
+    columns: IntArray  # (s,) joints of the block, as indices into the moving columns
 
 
 def singular_sets(robot: ParallelRobot) -> list[SingularSet]:
     """Return the blocks of dF/dq that lose rank: Type 2, then Type 1 of each leg.
 
-    The block of Type 2 is that of loops and passive joints; see `legs` for the others.
+    The block of Type 2 is that of loops and passive joints. The block of a leg has the equations and the
+    joints of the leg, see `legs`.
     """
     loops = np.arange(robot.n, robot.n + len(robot.loops.names))
     passive = np.arange(robot.n_a, len(robot.moving))
@@ -231,18 +239,19 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
     With border vectors b and c, g solves [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1].
-    Its slope is -psi' dP eta (Govaerts 2000).
+    Its slope is -psi' dP eta (Govaerts 2000). `derivatives` are those at the middles of the boxes,
+    `remainders` bound their errors within the boxes.
     """
     entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
     P = derivatives.slopes[entries]  # (S, s, s)
-    right, left = enclose_bordered_solutions(P, remainders.slopes[entries], rounding)
+    right, left = enclose_bordered_solutions(P, remainders.slopes[entries], rounding)  # (eta, g), (psi, g)
     eta = right.z[:, :-1]  # (S, s)
     eta_error = right.error[:, :-1]
     psi = left.z[:, :-1]
     psi_error = left.error[:, :-1]
     dP = derivatives.hessians[entries]  # (S, s, s, k)
-    dP_change = remainders.hessians[entries] + rounding
+    dP_change = remainders.hessians[entries] + rounding  # bounds
 
     # in psi' dP eta one factor changes at a time: dP, then eta, then psi
     psi_size = np.abs(psi)
@@ -307,24 +316,26 @@ class SingularBoxTest:
     resolution: float  # [m, robot lengths] largest width of a box with an arc
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
-        """Drop, keep, narrow or cut boxes.
+        """Drop, keep, narrow or cut S boxes of k joints.
 
         The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
         arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
         """
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
 
-        # Krawczyk's test proves arcs in boxes that are a little wider
+        # Krawczyk's test proves arcs in boxes that are a little wider, by their radii (S, k)
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         equations = self._singular_equations(derivatives, loops, boxes.radii, wider)
         valid = equations.valid
         decision = self._decide_arcs(select(boxes, valid), wider[valid], select(equations, valid))
 
-        # where g is valid, the decision replaces what the loops alone have left
+        # where g is valid, its narrower boxes replace those that the loops alone have left, in place
         remaining.lower[valid], remaining.upper[valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
         axis[valid] = decision.axis
+
+        # boxes with a small arc are finished; narrow the others again, cut them or leave them undecided
         is_open = ~remaining.empty
         is_open[valid] &= ~decision.is_arc
         narrow = select(boxes.sub_boxes(*remaining), is_open)
@@ -339,7 +350,7 @@ class SingularBoxTest:
             The other boxes, the parts of them in which the loops may close, and the derivatives and loop
             equations in these boxes.
         """
-        n = self.bounds.robot.n
+        n = self.bounds.robot.n  # the first n equations are those of the platform
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
         errors = derivatives.remainders(boxes.radii).values
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
@@ -354,7 +365,12 @@ class SingularBoxTest:
         """Return whether boxes may have poses in the window, (S,).
 
         The window (2, n) holds the least and the largest platform coordinates. Angles are compared modulo
-        whole turns. `errors` (S, R) bound the remainders of the R rows within `radii` (S, k).
+        whole turns.
+
+        Args:
+            derivatives: of the R equations at the middles of S boxes.
+            radii: (S, k) of the boxes.
+            errors: (S, R) bounds on the remainders of the equations in the boxes.
         """
         robot = self.bounds.robot
         if self.window is None:
@@ -369,9 +385,13 @@ class SingularBoxTest:
     ) -> _SingularEquations:
         """Join loops and measure g to the equations of singular poses.
 
-        `loops` are enclosed in boxes of `radii` (S, k), changes are bounded in boxes of radii `wider`.
+        Args:
+            derivatives: of all equations at the middles of S boxes.
+            loops: the loop equations, enclosed in the boxes.
+            radii: (S, k) of the boxes.
+            wider: (S, k) radii of the boxes in which changes of the slopes are bounded.
         """
-        n = self.bounds.robot.n
+        n = self.bounds.robot.n  # the first n equations are those of the platform
         remainders = derivatives.remainders(wider)
         valid, g, g_changes = enclose_measure(self.block, derivatives, remainders)
         g_errors = ROUND_UP * (g.errors + np.matvec(g_changes, radii))
@@ -387,7 +407,7 @@ class SingularBoxTest:
         )
 
     def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
-        """Narrow boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
+        """Narrow S boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
         With two freedoms the set is a curve. Its parameter p is the joint along which the tangent leaves the
         box first; along this joint the tested box is not wider than the box, and `wider` is changed. With one
@@ -408,8 +428,9 @@ class SingularBoxTest:
             reach = np.take_along_axis(boxes.radii, parameter[:, None], axis=1)
             np.put_along_axis(wider, parameter[:, None], reach, axis=1)
 
+        # a proof bounds all solutions, so it narrows the box further, in place
         proof = prove_existence(at_middle, equations.slope_changes, wider, parameter)
-        proved = proof.proved[:, None]  # a proof bounds all solutions, so it narrows the box further
+        proved = proof.proved[:, None]
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 

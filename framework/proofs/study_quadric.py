@@ -98,9 +98,9 @@ def displacement_functions(R: Array, p: Array) -> Array:
 
 
 def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
-    """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
-    values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
-    values = values / values[:, :1]  # the first function is 1
+    """Compute rotations R (T, 3, 3), translations p (T, 3) of real dual quaternions z (T, 8)."""
+    scaled = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)  # (T, 17) functions times |x|^2
+    values = scaled / scaled[:, :1]  # the first function is 1
     return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
 
 
@@ -145,7 +145,7 @@ class Displacements:
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
-        z, direction = complex_normal(rng, (2, self.size))
+        z, direction = complex_normal(rng, (2, self.size))  # (N,) each
         for S in self.fixed:  # z + t direction is on the quadric at the roots t
             t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
             z = z + t[0] * direction
@@ -153,8 +153,8 @@ class Displacements:
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
         """Draw complex coefficients (K, M), each row of unit size."""
-        c = complex_normal(rng, (self.equations, len(self.members)))
-        return c / np.linalg.norm(c, axis=1, keepdims=True)
+        rows = complex_normal(rng, (self.equations, len(self.members)))
+        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
         """Return whether the equations depend on one another, so that no solution is isolated.
@@ -166,15 +166,15 @@ class Displacements:
         """
         rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
-        first = self.members[0]
+        first = self.members[0]  # f_1
         for _ in range(2):
             z = self.random_point(rng)
-            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
+            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k and of the fixed quadric
             quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
-            # f_1 / 2 times the gradient of f_k / f_1
+            # the quotient rule gives f_1 / 2 times the gradients of f_k / f_1
             gradients[: self.equations] -= np.outer(quotients, first @ z)
-            sizes = singular_values(gradients)
-            if sizes[-1] > RANK_ROUNDING * sizes[0]:
+            sigma = singular_values(gradients)  # descending
+            if sigma[-1] > RANK_ROUNDING * sigma[0]:
                 return False
         return True
 
@@ -204,15 +204,17 @@ class Displacements:
         shares = np.abs(multiples / largest)
         if not shares.any():
             return coefficients, errors
-        k = np.argmax(shares)
+        k = np.argmax(shares)  # the pivot's row
         pivot = coefficients[k] / multiples[k]
 
         rows = coefficients - multiples * pivot
         rows[:, square] = 0.0
         rows[k] = pivot
+
+        # the errors of a condition, and of the multiple of the pivot that is subtracted from it
         errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
         errors[k] = rounding / shares[k]
-        errors[:, square] = 0.0
+        errors[:, square] = 0.0  # |p|^2 has exact coefficients
         return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
@@ -226,6 +228,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     """Return the displacements whose dual quaternions have only the given coordinates (N,).
 
     Args:
+        name: of the group, in words.
         bound: number of isolated solutions that a system of conditions has at most.
         chosen: (M,) indices of functions that are independent on the group.
     """

@@ -124,12 +124,12 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
     starts = draw_starts(robot, robot.reference.q, columns, RANDOM_STARTS)
-    q, closed = close_all_loops(robot, starts, columns, platform_equations)
-    q = q[closed]
+    ends, closed = close_all_loops(robot, starts, columns, platform_equations)
+    q = ends[closed]  # (T, nq)
     # an idle spin would make equal solutions differ
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
 
-    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]
+    offsets = (shortest_offset(robot, q) / robot.column_scale)[:, columns]  # (T, moving joints)
     solutions = []
     for leg in legs(robot):
         joints = offsets[:, leg.columns]
@@ -138,12 +138,15 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
 
 
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
+    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg.
+
+    `solutions` (solutions, k) of each leg are offsets from the reference [rad, robot lengths].
+    """
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))  # (T, k)
-    offsets = offsets * robot.column_scale[columns]
-    return integrate_columns(robot, robot.reference.q, columns, offsets)
+    steps = offsets * robot.column_scale[columns]  # [rad, m]
+    return integrate_columns(robot, robot.reference.q, columns, steps)
 
 
 def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
@@ -151,11 +154,11 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
     Solutions are offsets from the reference [rad, robot lengths]. The legs on which this leg depends are
     placed as in each of the modes q (T, nq) in turn, with the platform at x (n,). Without modes, T = 0, the
-    proof is that the leg has no solution at all: only for a leg that depends on no other one, and only for a
-    platform without attitude.
+    proof is that the leg has no solution at all. It is made only for a leg that depends on no other one, and
+    only for a platform without attitude, because no mode shows where other legs and the attitude are.
     """
     columns = robot.moving[leg.columns]
-    previous = robot.moving[leg.needed]
+    previous = robot.moving[leg.needed]  # joints of the legs on which this leg depends
     fixed = np.ones(robot.model.nv, dtype=bool)  # joints that the proof keeps where they are
     fixed[robot.moving] = False
     fixed[previous] = True
@@ -173,7 +176,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes among configurations q (T, nq): the loops close at x (n,).
+    """Return the modes among q (T, nq), the configurations with closed loops at x (n,).
 
     Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
     comes first.
@@ -183,12 +186,12 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     linearised = linearised_at(robot, q, np.tile(x, (len(q), 1)))
     signs = leg_signs(robot, linearised)
     motors = robot.actuated_coordinates(q)
-    lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
-    is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
+    units = np.concatenate([robot.platform_scale, robot.loop_lengths])  # of the equations
+    is_closed = np.abs(linearised.residual / units).max(axis=1) < LOOP_GAP
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
-    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
+    distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m], only to sort the modes
     modes = []
-    for k in np.lexsort([distances, ~within_limits]):
+    for k in np.lexsort([distances, ~within_limits]):  # the last key comes first
         if is_closed[k]:
             proved = has_one_solution_near(robot, q[k], platform_locked=True)
             modes.append(WorkingMode(q[k], motors[k], signs[k], proved, bool(within_limits[k])))
