@@ -274,7 +274,8 @@ class ModelOnMotion:
             deflections: deflections (n_e) [m, rad] as a function of time.
 
         Raises:
-            NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
+            NoAnswer: as `_correct_crossing`.
+            NotConverged: two crossings meet one singular point, or the law turns back.
         """
         law, crossings = self.dynamics.law, self.dynamics.crossings
         times = np.array([crossing.time for crossing in crossings])
