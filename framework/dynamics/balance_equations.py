@@ -38,7 +38,7 @@ from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
 from framework.numerics.ordered_sums import matvec
-from framework.tolerances import WEAK_COLUMN
+from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 NEGLIGIBLE_SPRING = 1e-3  # rate or acceleration over that of the quickest spring; below, rest counts less
@@ -333,6 +333,7 @@ class BalanceEquations:
         largest = sizes.max(axis=1, keepdims=True)
         weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
         # order o, end p, spring e; spline s of spring f: each spring depends on its own coefficients alone
+        weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION
         by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))
         return np.pad(by_series.reshape(-1, state.series.size), ((0, 0), (0, len(self.steps))))
 
