@@ -82,7 +82,7 @@ def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "start", interrupt_when_improving)
-    arguments = ["plan", "n_four_bar", "--scene", "swing", "--flexibility", "flexible_links"]
+    arguments = ["plan", "standing_quadruped", "--scene", "sway", "--flexibility", "flexible_links"]
     assert main([*arguments, "--law", "optimal"]) == 0
     out, err = capsys.readouterr()
     assert shown[-2:] == ["planning", IMPROVING]
