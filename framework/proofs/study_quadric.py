@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
@@ -211,9 +211,12 @@ class Displacements:
         rows[:, square] = 0.0
         rows[k] = pivot
 
-        # the errors of a condition, and of the multiple of the pivot that is subtracted from it
-        errors += 2 * rounding * np.abs(multiples) * np.abs(pivot).max()
-        errors[k] = rounding / shares[k]
+        # the error of a quotient c / m: that of c over m, and that of m times the quotient over m
+        divisor = np.maximum(np.abs(multiples[k]) - errors[k], LEAST_DIVISOR)
+        pivot_errors = errors[k] * (1.0 + np.abs(pivot)) / divisor
+        # the errors of a condition, of its multiple, and of the pivot that is subtracted
+        errors += errors * np.abs(pivot) + (np.abs(multiples) + errors) * pivot_errors
+        errors[k] = pivot_errors
         errors[:, square] = 0.0  # |p|^2 has exact coefficients
         return rows, errors
 

@@ -1,5 +1,7 @@
 """Systems of quadrics: all solutions, and the proof that each is one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from framework.proofs.homotopy import refine_solutions, solve_start_system
 from framework.proofs.krawczyk import are_apart, choose_chart, enclose_solutions
 from framework.proofs.study_quadric import (
+    _SQUARE,
+    Displacements,
     displacement_functions,
     displacements_of_quaternions,
     planar_displacements,
@@ -101,3 +105,21 @@ def test_circles_apart_meet_in_two_points_that_are_not_real():
     proof = enclose_solutions(circles(3.0), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
     assert proof.proved.all()
     assert (np.abs(z.imag) > proof.radii).any(axis=1).all()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_errors_of_eliminated_conditions_bound_every_change_of_the_coefficients(seed):
+    rng = np.random.default_rng(seed)
+    chosen = SimpleNamespace(chosen=np.array([_SQUARE, _SQUARE + 1, _SQUARE + 2, _SQUARE + 3]))
+    conditions = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-3.0, 3.0, (4, 1))
+    conditions[:, 0] *= 10.0 ** rng.uniform(-2.0, 0.0)  # shares of |p|^2
+    rounding = 1e-6
+    rows, errors = Displacements.eliminate_square(chosen, conditions, rounding)
+    largest = np.abs(conditions).max(axis=1, keepdims=True)
+    k = np.argmax(np.abs(conditions[:, :1]) / largest)
+    for _ in range(50):
+        changed = conditions + rounding * largest * rng.choice([-1.0, 1.0], size=(4, 4))
+        pivot = changed[k] / changed[k, 0]
+        exact = changed - changed[:, :1] * pivot
+        exact[k] = pivot
+        assert np.all(np.abs(exact - rows)[:, 1:] <= (1.0 + 1e-8) * errors[:, 1:])  # 1e-8: rounding here
