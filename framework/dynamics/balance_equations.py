@@ -66,7 +66,7 @@ class BalanceState(NamedTuple):
         """The largest |F| on each cell (cells,), over the largest entry of the load on all cells."""
         largest = np.zeros(len(self.splines.intervals))
         np.maximum.at(largest, self.splines.nodes.cells, np.abs(self.balance.F).max(axis=1))
-        return largest / self.balance.size  # `size` is the largest load, not a number of entries
+        return largest / self.balance.largest_load
 
     @property
     def misfit(self) -> float:
@@ -141,7 +141,7 @@ class LinearBalance:
         F = state.balance.F.reshape(-1, 1)
         unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
         y = self._least_change(F, self.rest @ unknowns[:, None])
-        predicted = np.abs(self._change_balance(y) + F).max() / state.balance.size
+        predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
 

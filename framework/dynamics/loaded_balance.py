@@ -61,7 +61,7 @@ class LoadedBalance(NamedTuple):
     prescribed: DeflectedMotion
     motion: Motion
     F: Array  # (T, n_e) Y' load
-    size: float  # the largest entry of the load r + K l, in spring units; F is compared with it
+    largest_load: float  # the largest entry of the load r + K l, in spring units; F is compared with it
     Y: Array  # (T, f, n_e) orthonormal
     multipliers: Array  # (T, m) of the loop equations, of unit size
     wrenches: ExternalWrenches
@@ -125,8 +125,8 @@ def evaluate_balance(
     motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)  # r + K l (T, nv)
     load, multipliers, Y = _split_load(robot, motion, forces)
     F = matvec(Y.swapaxes(1, 2), load)
-    size = float(np.abs(load).max())
-    return LoadedBalance(prescribed, motion, F, size, Y, multipliers, wrenches, stiffer)
+    largest_load = float(np.abs(load).max())
+    return LoadedBalance(prescribed, motion, F, largest_load, Y, multipliers, wrenches, stiffer)
 
 
 def balancing_forces(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:

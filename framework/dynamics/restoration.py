@@ -116,7 +116,7 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
     """Find the deflections in balance under a given law.
 
     Raises:
-        As `solve_balance`.
+        NotConverged, NotAssembled: as `solve_balance`.
     """
     clock: Clock = InTime(law, panel_edges(branch, law))
     if isinstance(law, OptimalLaw):

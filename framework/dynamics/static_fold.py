@@ -84,7 +84,7 @@ class _RestCurve(NamedTuple):
         r_slopes[springs, springs] -= robot.stiffness * spring_units(robot) ** 2 / compliance
         by_coordinates = np.column_stack([load_slopes, r_slopes @ coordinates[:-1]])  # (f, n_e + 1)
         slopes = compliance * self.v_unit * balance.Y[0].T @ by_coordinates
-        largest_load = balance.size or 1.0  # without a load nothing deflects
+        largest_load = balance.largest_load or 1.0  # without a load nothing deflects
         return balance.F[0] / largest_load, slopes / largest_load
 
     def correct(self, coordinates: Array, along: Array) -> _CurvePoint | None:

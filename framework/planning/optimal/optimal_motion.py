@@ -115,7 +115,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         stages = MASSLESS_STAGES
         is_damped = robot.is_damped and robot.elastic_inertia
         if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
-            # redundant motors shake the springs between them: quick laws are never at rest at their ends
+            # redundant motors shake the springs between them, so that few quick laws leave these at rest
             stages = CAPPED_STAGES[3:] if robot.n_a > robot.n else CAPPED_STAGES
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
