@@ -36,8 +36,7 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
-SETTLED_MISFIT = 2e-14  # |F| over the largest load, at rounding
-ENOUGH_MISFIT = 1e-12  # below, fresh slopes would not be worth their time
+SETTLED_MISFIT = 1e-12  # |F| over the largest load
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48
 MAX_CELLS = 600
@@ -191,13 +190,12 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
             return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
-        is_enough = state.misfit <= ENOUGH_MISFIT  # fresh slopes would not be worth their cost
-        if new is None and (are_fresh or is_enough):
-            return GaussNewtonResult(state, is_enough, linear)
+        if new is None and are_fresh:
+            return GaussNewtonResult(state, False, linear)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
-            ENOUGH_MISFIT,
+            SETTLED_MISFIT,
         )
         if new is None or new.misfit > good_misfit:
             linear = None
@@ -227,15 +225,12 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
     """Halve a step until the misfit falls; return the state after the step, or None.
 
-    For a misfit that is hardly more than rounding, only the full step is tried.
-
     Args:
         state: the last iterate.
         step: the Gauss-Newton step at this state.
     """
     share = 1.0
-    least_share = 1.0 if state.misfit <= ENOUGH_MISFIT else MIN_STEP_SHARE
-    while share >= least_share:
+    while share >= MIN_STEP_SHARE:
         try:
             new = equations.evaluate(
                 state.splines,
