@@ -28,8 +28,8 @@ from framework.numerics.arrays import Array
 from framework.tolerances import FOLD_MISFIT
 
 FIRST_COMPLIANCE = 1e-4  # over that of the springs
-FIRST_STEP, LEAST_STEP, MAX_STEP = 0.05, 1e-5, 0.2  # of arclength in (v / (v_unit u), log eps)
-STEP_GROWTH = 1.3  # of the next step, after a step that succeeded
+FIRST_STEP, LEAST_STEP, MAX_STEP = 0.05, 1e-5, 1.0  # of arclength in (v / (v_unit u), log eps)
+STEP_GROWTH = 2.0  # of the next step, after a step that succeeded
 MAX_POINTS = 400
 MAX_CORRECTIONS = 8
 LEAST_COSINE = 0.8  # between neighbouring tangents
@@ -133,11 +133,13 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
             step *= 0.5
             if step < LEAST_STEP:
                 return None
-            continue
-        if following.tangent[-1] <= 0.0:  # log eps has a maximum between both points
+        elif following.tangent[-1] > 0.0:  # log eps still grows
+            point = following
+            step = min(STEP_GROWTH * step, MAX_STEP)
+        elif step > FIRST_STEP:
+            step = FIRST_STEP  # close in on the maximum of log eps
+        else:
             return _turning_compliance(point, following)
-        point = following
-        step = min(STEP_GROWTH * step, MAX_STEP)
     return None
 
 

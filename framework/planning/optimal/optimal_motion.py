@@ -49,7 +49,6 @@ from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
-STAGES_BEFORE_FOLD = 3  # that fail before a fold of the springs is looked for, which takes long
 MAX_ATTEMPTS = 2  # at a smoother law, where one better than the best motion failed
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
@@ -67,13 +66,16 @@ class ElasticStage(NamedTuple):
     share: share of the least cost by which the cost of a smooth law may exceed it.
     max_squared_speed: limit of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
+    degree: degree of z as one series; None for splines, to which a series is fitted.
     """
 
     share: float
     max_squared_speed: float = np.inf
+    degree: int | None = SERIES_DEGREE
 
 
 # tried in turn until deflections are resolved and at rest at both ends
+SPLINE_STAGES = tuple(ElasticStage(share, degree=None) for share in (4e-2, 0.15, 0.5, 3.0))
 CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(4e-3, 100.0),
     ElasticStage(1e-2, 20.0),
@@ -81,9 +83,9 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(0.3, 4.0),
     ElasticStage(0.8, 4.0),
     ElasticStage(3.0, 4.0),
+    *SPLINE_STAGES,
 )
 MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
-SPLINE_STAGES = tuple(ElasticStage(share) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
 class OptimalMotion(NamedTuple):
@@ -166,8 +168,7 @@ class _ElasticSearch:
     next_task: the task with the limits of the next law.
     points: the crossing points of the undeformed robot.
     sampled: the demand on the motors of the undeformed robot.
-    stages: stages of laws that are one series; if no such law exists, stages of spline laws, to which a
-        series is fitted.
+    stages: the stages of laws, those of splines last.
     stage: index of the stage of the next law.
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     attempts: at smoother laws that are left after failures, once there is a best motion.
@@ -244,14 +245,11 @@ class _ElasticSearch:
         """Lower the share for smoothness if the gap to the least cost is large; return False if not."""
         share = gap / GAP_REDUCTION
         is_tried = self.share is not None and self.share <= share
-        if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self._uses_splines:
+        uses_splines = self.stages[self.stage].degree is None
+        if self.balance is None or gap < WORTHWHILE_GAP or is_tried or uses_splines:
             return False
         self.share = share
         return True
-
-    @property
-    def _uses_splines(self) -> bool:
-        return self.stages is SPLINE_STAGES
 
     def _find_motion(self) -> OptimalMotion:
         """Find the next law and certify its motion; return the best motion if the law costs no less."""
@@ -284,30 +282,29 @@ class _ElasticSearch:
     def _find_law(self) -> Best:
         """Find the law of this stage by a search that resumes from the last law.
 
-        z is one series: of the degree of the response if torques are linearised about a motion, else of
-        SERIES_DEGREE. At stages of spline laws z is a spline.
+        If there is no law that is one series, there is none under the lower caps of later stages either.
+        Then the first stage of splines follows.
         """
         stage = self.stages[self.stage]
+        is_first_series = self.response is None and stage.degree is not None
         task = self.next_task
-        if self._seeks_first_series:  # spline laws are tried next, so a refusal needs no explanation yet
+        if is_first_series:  # splines are tried next, so a refusal needs no explanation yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.speed_places)
-        problem = problem._replace(sampled=self.sampled, response=self.response)
-        if self.response is not None:
-            problem = problem._replace(degree=len(self.response.y) - 1)
-        elif not self._uses_splines:
-            problem = problem._replace(degree=SERIES_DEGREE)
+        degree = stage.degree if self.response is None else len(self.response.y) - 1
+        problem = problem._replace(sampled=self.sampled, response=self.response, degree=degree)
         duration = self.task.specification.duration
         if duration is None and self.last_law is not None:
             duration = self.last_law.law.duration
         if duration is not None:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
-        return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
-
-    @property
-    def _seeks_first_series(self) -> bool:
-        """Whether no law was found yet, and laws are one series."""
-        return self.last_law is None and not self._uses_splines
+        try:
+            return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
+        except (NoLaw, NotConverged):
+            if not is_first_series:
+                raise
+        self.stage = self.stages.index(SPLINE_STAGES[0])
+        return self._find_law()
 
     def _improves(self, cost: float) -> bool:
         """Return whether a cost is below that of the best motion by more than the error of peaks."""
@@ -317,24 +314,18 @@ class _ElasticSearch:
     def _choose_smoother(self, failure: NoAnswer) -> None:
         """Proceed to the next stage after a failure.
 
-        If the first stage found no law that is one series, spline laws are tried from their first stage.
-
         Raises:
             NoAnswer: no smoother law can help, or no stage is left.
         """
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
-        self.first_failure = self.first_failure or failure
+        if self.first_failure is None:
+            self._check_ends()
+            self.first_failure = failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self._seeks_first_series:  # the search for a law that is one series has failed
-            self.stages = SPLINE_STAGES
-            self.stage = 0
-            self.first_failure = None
-        if self.stage == STAGES_BEFORE_FOLD:
-            self._check_ends()
         if self.stage == len(self.stages):
-            raise self.first_failure or failure from None
+            raise self.first_failure
 
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
