@@ -534,7 +534,7 @@ It follows the law's sixth derivative, and is out of static balance by the share
 force alone. At 1e-3 laws of slider_crank and par4 are refused that cost 2 and 1 % less than those then taken.
 """
 
-MAX_UNRESOLVED_MISFIT = 0.1
+MAX_UNRESOLVED_MISFIT = 1e-6
 """What may be out of balance, over the largest load, for want of cells alone.
 
 Where it failed, upright robots were left with 0.84 to 1; where it did not, the first cells leave 1e-3 or

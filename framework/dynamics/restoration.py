@@ -92,10 +92,10 @@ def solve_balance(
         series = np.zeros((splines.size, robot.n_e))
     else:
         splines, series = start.splines, start.series / equations.units
-    result = _solve_by_softening(equations, equations.evaluate(splines, series, scalars))
-    while result.is_solved and result.state.misfit > MIN_GAIN * SETTLED_MISFIT:
-        result = _halve_cells(equations, result)
-    state = result.state
+    first = equations.evaluate(splines, series, scalars)
+    state = _refine(equations, first, MIN_GAIN * SETTLED_MISFIT)
+    if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
+        state = _refine(equations, _soften(equations, first), MIN_GAIN * SETTLED_MISFIT)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
@@ -123,8 +123,16 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
     return solve_balance(branch, lambda _: clock, np.zeros(0)).deflections
 
 
-def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> GaussNewtonResult:
-    """Solve on the cells of `start`, if necessary by continuation in the stiffness of the springs.
+def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
+    """Solve from a start, and halve cells until a misfit is reached or cells do not help."""
+    result = _gauss_newton(equations, start)
+    while result.is_solved and result.state.misfit > misfit:
+        result = _halve_cells(equations, result)
+    return result.state
+
+
+def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
+    """Solve for stiff springs, which are softened stepwise to those of the robot.
 
     The continuation begins with springs MAX_STIFFENING times as stiff. Each step divides this factor by
     `softening`, which is replaced by its square root if the step fails.
@@ -133,11 +141,7 @@ def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> Gau
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
-    result = _gauss_newton(equations, start)
-    if result.is_solved:
-        return result
-    splines = start.splines
-    stiffest = equations.evaluate(splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
+    stiffest = equations.evaluate(start.splines, 0.0 * start.series, 0.0 * start.scalars, stiffer=MAX_STIFFENING)
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
@@ -145,25 +149,28 @@ def _solve_by_softening(equations: BalanceEquations, start: BalanceState) -> Gau
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
             residual=stiffest.misfit,
         )
-    solved = _gauss_newton(equations, stiffest)
+    solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)
+    is_solved = solved.misfit <= MAX_UNRESOLVED_MISFIT
     softening = SOFTENING
-    while solved.is_solved and softening > MIN_SOFTENING:
-        state = solved.state
-        stiffer = state.balance.stiffer
+    misfit = solved.misfit
+    while is_solved and softening > MIN_SOFTENING:
+        stiffer = solved.balance.stiffer
         softer = max(stiffer / softening, 1.0)
-        series = state.series * (stiffer / softer)  # deflections are nearly proportional to compliance
-        result = _gauss_newton(equations, equations.evaluate(splines, series, state.scalars, stiffer=softer))
-        if result.is_solved and softer == 1.0:
-            return result
-        if result.is_solved:
-            solved = result
-        else:
+        series = solved.series * (stiffer / softer)  # deflections are nearly proportional to compliance
+        start = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
+        state = _refine(equations, start, MAX_UNRESOLVED_MISFIT)
+        misfit = state.misfit
+        if state.misfit > MAX_UNRESOLVED_MISFIT:
             softening = np.sqrt(softening)
-    verb = "do" if solved.is_solved else "do not either"
+            continue
+        if softer == 1.0:
+            return state
+        solved = state
+    verb = "do" if is_solved else "do not either"
     raise NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; springs {solved.state.balance.stiffer:.2g} times as stiff {verb}",
-        residual=result.state.misfit,
+        f"tried or one near it; springs {solved.balance.stiffer:.2g} times as stiff {verb}",
+        residual=misfit,
     )
 
 
@@ -187,7 +194,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         step = linear.step(state)
         # the cells limit the misfit if not even the linear equations can reduce it much
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
-        if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
+        if stalls and state.misfit <= 0.1:
             return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
         if new is None and are_fresh:
@@ -217,7 +224,12 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
     splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
     if len(splines.cells) > MAX_CELLS:
         return coarse._replace(is_solved=False)
-    start = equations.evaluate(splines, splines.insert(state.splines, state.series), state.scalars)
+    start = equations.evaluate(
+        splines,
+        splines.insert(state.splines, state.series),
+        state.scalars,
+        stiffer=state.balance.stiffer,
+    )
     fine = _gauss_newton(equations, start)
     return fine._replace(is_solved=fine.is_solved and MIN_GAIN * fine.state.misfit < state.misfit)
 
