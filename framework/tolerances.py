@@ -512,6 +512,12 @@ STIFFER_THAN_FOLD = 1.02
 The fold is found to 2e-3. At 1.002 the springs that are advised may be those that give way.
 """
 
+MAX_SOFTENING = 0.5
+"""Share of its singularity measure that an elastic robot may lose under loads, to first order.
+
+At 0.5 the balance beside a crossing has a fold. At 0.25 robots that were planned would be refused.
+"""
+
 REQUIRED_SPEED_ERROR = 1e-6
 """Speed of an elastic robot at a crossing less the speed required there, over the latter.
 

@@ -15,18 +15,22 @@ import numpy as np
 
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
+    LoadedBalance,
+    constraint_rows,
     deflection_slopes,
     evaluate_balance,
     spring_units,
 )
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
+from framework.kinematics.continuation.tracking import Branch
 from framework.laws.law import law_derivatives
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 
+FIRST_DEFLECTION = 1e-6  # largest deflection, in spring units, of differences about the undeformed robot
 MAX_STEP_SHARE = 0.5  # of the time to the nearest other crossing, the largest Newton step
 
 
@@ -83,3 +87,54 @@ def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     offset, translations = loaded - geometric, result.robot.translations
     distance = float(np.linalg.norm(offset[translations] if translations.any() else offset))
     return LoadedPoint(root.place, float(result.law(np.array([root.place]))[0]), distance)
+
+
+class Softening(NamedTuple):
+    """The measure g + eps h of the loaded tangent to first order in the compliance eps of the springs."""
+
+    g: Array  # (T,) of the undeformed robot, zero where it is singular
+    h: Array  # (T,)
+
+
+def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
+    """Compute how a motion (T,) of the undeformed robot changes the measure of its loaded tangent.
+
+    The measure is det [eps H | C'] with the stiffness H of springs and loads (see `loaded_tangent`) and the
+    constraints C of loops and locked motors. At eps = 1 the springs are those of the robot. To first order,
+    deflections are eps K^-1 w, where w are the spring forces of the undeformed robot; eps H is then K plus
+    eps times the stiffness of its loads.
+
+    Args:
+        motion: platform motion, with zero deflections.
+
+    Raises:
+        NotAssembled: the path leaves the workspace.
+    """
+    robot = branch.robot
+    units = spring_units(robot)
+    stiffness = robot.stiffness * units**2  # K (n_e,), in spring units
+    rigid = evaluate_balance(robot, motion, branch.guess(motion.s), wrenches=branch.wrenches)
+    to_springs = rigid.Y[:, : robot.n_e].swapaxes(1, 2)  # (T, n_e, n_e)
+    w = -np.linalg.solve(to_springs, rigid.F[..., None])[..., 0]
+    deflections = w / stiffness
+    eps = FIRST_DEFLECTION / np.abs(deflections).max()
+    deflected = motion._replace(l=eps * deflections * units)
+    balance = evaluate_balance(robot, deflected, rigid.motion.q, wrenches=branch.wrenches, stiffer=1.0 / eps)
+    g = _tangent_measure(branch, rigid, np.diag(stiffness)[None])
+    g_eps = _tangent_measure(branch, balance, eps * deflection_slopes(robot, balance, orders=1))
+    return Softening(g, (g_eps - g) / eps)
+
+
+def _tangent_measure(branch: Branch, balance: LoadedBalance, stiffness: Array) -> Array:
+    """Compute det [stiffness | C'] (T,).
+
+    Args:
+        balance: gives the constraints C (T, c, f).
+        stiffness: (T, f, n_e), or (1, n_e, n_e) of the springs alone.
+    """
+    constraints = constraint_rows(branch.robot, balance.motion.linearised).swapaxes(1, 2)  # (T, f, c)
+    matrix = np.zeros((*constraints.shape[:2], constraints.shape[1]))
+    n_e = branch.robot.n_e
+    matrix[:, : stiffness.shape[1], :n_e] = stiffness
+    matrix[:, :, n_e:] = constraints
+    return np.linalg.det(matrix)

@@ -43,7 +43,7 @@ MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
-SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
+SOFTENING, MIN_SOFTENING = 4.0, 1.3  # from one stiffness to the next
 
 
 class GaussNewtonResult(NamedTuple):
@@ -141,7 +141,9 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
-    stiffest = equations.evaluate(start.splines, 0.0 * start.series, 0.0 * start.scalars, stiffer=MAX_STIFFENING)
+    stiffest = equations.evaluate(
+        start.splines, 0.0 * start.series, 0.0 * start.scalars, stiffer=MAX_STIFFENING
+    )
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "

@@ -63,7 +63,7 @@ The optimal law:
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
-    NoLaw: the springs give way at an end, at rest
+    NoLaw: the springs give way at an end, at rest, or along the path under any law
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
         planning.optimal.optimal_motion.optimal_motion
@@ -158,6 +158,16 @@ class StaticFold(NamedTuple):
 
     s: float
     compliance: float
+
+
+class LeastSoftening(NamedTuple):
+    """How far loads soften an elastic robot at s at least, under any law found.
+
+    rho: share of its singularity measure that the robot loses, to first order in the compliance.
+    """
+
+    s: float
+    rho: float
 
 
 class HoldingTorque(NamedTuple):

@@ -35,6 +35,7 @@ class LawProblem(NamedTuple):
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
     max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
     response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
+    trust: share of the response's z by which z may differ from it.
     """
 
     task: Task
@@ -46,6 +47,7 @@ class LawProblem(NamedTuple):
     degree: int | None = None
     max_squared_speed: float = np.inf
     response: TorqueResponse | None = None
+    trust: float = np.inf
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""

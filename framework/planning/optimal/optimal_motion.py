@@ -35,6 +35,7 @@ from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import find_law_in_balance
+from framework.planning.optimal.least_softening import find_least_softening
 from framework.planning.optimal.optimal_task import (
     Task,
     check_single_crossings,
@@ -47,9 +48,15 @@ from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks
-from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
+from framework.tolerances import (
+    MAX_SOFTENING,
+    PEAK_TORQUE_MISMATCH,
+    REQUIRED_SPEED_ERROR,
+    STIFFER_THAN_FOLD,
+)
 
-MAX_ATTEMPTS = 2  # at a smoother law, where one better than the best motion failed
+# shares of z by which a law may differ from that about which torques are linear; the next one after a failure
+TRUSTED_SHARES = (np.inf, 0.3, 0.1)
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001
@@ -81,8 +88,6 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(1e-2, 20.0),
     ElasticStage(2e-2, 8.0),
     ElasticStage(0.3, 4.0),
-    ElasticStage(0.8, 4.0),
-    ElasticStage(3.0, 4.0),
     *SPLINE_STAGES,
 )
 MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
@@ -171,7 +176,7 @@ class _ElasticSearch:
     stages: the stages of laws, those of splines last.
     stage: index of the stage of the next law.
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
-    attempts: at smoother laws that are left after failures, once there is a best motion.
+    failures: number of failures since there is a best motion.
     last_law: the last law found.
     balance: the balance of the last motion at this stage; None if `resolve` finds the deflections.
     response: the response of the torques to the law, about that motion.
@@ -187,7 +192,7 @@ class _ElasticSearch:
     stages: tuple[ElasticStage, ...]
     stage: int = 0
     share: float | None = None
-    attempts: int = MAX_ATTEMPTS
+    failures: int = 0
     last_law: Best | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
@@ -203,7 +208,7 @@ class _ElasticSearch:
             except (NoLaw, NotAssembled, NotConverged, UnboundedTorque, SearchEnded) as failure:
                 if self.best_motion is None:
                     self._choose_smoother(failure)
-                elif isinstance(failure, SearchEnded) or not self._try_smoother(self.best_motion.best.gap):
+                elif isinstance(failure, SearchEnded) or not self._try_nearer():
                     return self.best_motion
                 continue
             excess = limit_excess(motion.dynamics, self.task.specification)
@@ -225,21 +230,10 @@ class _ElasticSearch:
             residual=abs(excess - 1.0),
         )
 
-    def _try_smoother(self, gap: float) -> bool:
-        """Choose a smoother law for one more attempt; return False if none is left.
-
-        Args:
-            gap: cost of the best motion over the least cost, less 1.
-        """
-        if not self.attempts:
-            return False
-        self.attempts -= 1
-        if self.share is None:
-            self.stage = min(self.stage + 1, len(self.stages) - 1)
-            return True
-        is_below_gap = self.share < 0.5 * gap
-        self.share = float(np.sqrt(self.share * gap))
-        return is_below_gap
+    def _try_nearer(self) -> bool:
+        """Trust the linear torques less for one more law; return False if they were trusted least."""
+        self.failures += 1
+        return self.failures < len(TRUSTED_SHARES)
 
     def _try_smaller_share(self, gap: float) -> bool:
         """Lower the share for smoothness if the gap to the least cost is large; return False if not."""
@@ -293,6 +287,7 @@ class _ElasticSearch:
         problem = problem_of(task, self.points, self.speed_places)
         degree = stage.degree if self.response is None else len(self.response.y) - 1
         problem = problem._replace(sampled=self.sampled, response=self.response, degree=degree)
+        problem = problem._replace(trust=TRUSTED_SHARES[self.failures])
         duration = self.task.specification.duration
         if duration is None and self.last_law is not None:
             duration = self.last_law.law.duration
@@ -319,8 +314,10 @@ class _ElasticSearch:
         """
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
-        if self.first_failure is None:
+        if self.first_failure is None and self.task.follows_balance:
             self._check_ends()
+            self._check_softening()
+        if self.first_failure is None:
             self.first_failure = failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
@@ -329,8 +326,6 @@ class _ElasticSearch:
 
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
-        if not self.task.follows_balance:
-            return
         for s in (0.0, 1.0):
             compliance = find_static_fold(self.task.branch, s)
             if compliance is not None:
@@ -342,6 +337,21 @@ class _ElasticSearch:
                     f"at this end",
                     evidence=StaticFold(s, compliance),
                 )
+
+    def _check_softening(self) -> None:
+        """Raise NoLaw if the law that softens the robot least leaves no deflections in balance."""
+        duration = self.task.specification.duration or (self.last_law and self.last_law.law.duration)
+        if not duration:
+            return
+        problem = problem_of(self.task, self.points)._replace(sampled=self.sampled, degree=SERIES_DEGREE)
+        least = find_least_softening(problem, duration)
+        if least is not None and least.rho > MAX_SOFTENING:
+            raise NoLaw(
+                f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
+                f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
+                f"singular there (above {MAX_SOFTENING:g} no deflections are in balance)",
+                evidence=least,
+            )
 
     def _has_required_speeds(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
         """Return whether a law has the required speeds, if any, at the crossings of its motion."""

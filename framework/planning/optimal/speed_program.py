@@ -243,9 +243,11 @@ class SpeedProgram:
         # conditions on the law, and rows that may not be negative
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
         positive = self.positive_rows
-        nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
+        lowest, highest = self._trusted_range()
+        lowest = np.maximum(lowest, floor)
+        highest = np.minimum(highest, cap)
+        nonnegative = [AffineRows({"y": positive}, -lowest * scale)]
         nonnegative += self._limit_rows(goal, bounds, units)
-        highest = np.full(positive.shape[0], np.minimum(cap, self.problem.max_squared_speed))
         capped = np.flatnonzero(np.isfinite(highest))
         if len(capped):
             nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
@@ -270,6 +272,18 @@ class SpeedProgram:
             y = self.space.adjust(y, self.conditions)
         duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
         return self.evaluate_speed(y, duration * units.time)._replace(floor=floor)
+
+    def _trusted_range(self) -> tuple[Array, Array]:
+        """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""
+        problem = self.problem
+        count = self.positive_rows.shape[0]
+        lowest = np.zeros(count)
+        highest = np.full(count, problem.max_squared_speed)
+        if problem.response is not None and problem.trust < np.inf:
+            z = self.positive_rows @ problem.response.y
+            lowest = (1.0 - problem.trust) * z
+            highest = np.minimum(highest, (1.0 + problem.trust) * z)
+        return lowest, highest
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
         """Return the number of unknowns of each name.
