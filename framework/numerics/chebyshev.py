@@ -13,18 +13,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
-MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
-MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
@@ -73,11 +69,9 @@ def tail(series: Array) -> float:
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    At few points, or for many series, a product with all T_k(x) = cos(k arccos x) is faster than Clenshaw's
-    recurrence, which takes `size` steps in Python.
+    The values are products with T_k(x) = cos(k arccos x). For the few points of a plan this is faster than
+    Clenshaw's recurrence, which takes `size` steps in Python.
     """
-    if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
-        return np.asarray(chebyshev.chebval(x, series).T)
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
     return polynomials @ series
 
@@ -90,17 +84,16 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
-    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
-    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
-    double root by its square root.
+    The roots are the eigenvalues of the colleague matrix. Roots that rounding moves off the real axis or
+    beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
+    axis, because rounding splits a double root by its square root.
     """
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
     degree = int(np.flatnonzero(~is_rounding).max(initial=0))
     if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
-    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
+    roots = chebyshev.chebroots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
@@ -114,43 +107,6 @@ def _constant_dominates(sizes: Array) -> bool:
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
-
-
-def _quadratic_roots(series: Array) -> NDArray[Any]:
-    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
-
-    The larger root is computed without cancellation, the other root from the product of both.
-
-    Args:
-        series: c (3,).
-    """
-    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
-    product = 0.5 * (series[0] / series[2] - 1.0)
-    half_difference = np.sqrt(complex(middle**2 - product))
-    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
-    return np.array([larger, product / larger if larger else 0.0])
-
-
-def _all_roots(series: Array) -> NDArray[Any]:
-    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
-
-    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
-    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
-    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
-    """
-    degree = len(series) - 1
-    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
-    ratios = series[:degree] / series[degree]
-    matrix = _colleague_matrix(degree).copy()
-    matrix[:, 0] -= (ratios * weights)[::-1]
-    return np.linalg.eigvals(matrix)
-
-
-@lru_cache(maxsize=64)
-def _colleague_matrix(degree: int) -> Array:
-    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
-    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
