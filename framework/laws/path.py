@@ -19,8 +19,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.laws.law import LARGEST, compose_derivatives, is_number
+from framework.laws.law import compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.numerics.fields import LARGEST_NUMBER
 from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
@@ -67,8 +68,8 @@ def _check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if np.any(np.abs(array) > LARGEST):
-        raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
+    if np.any(np.abs(array) > LARGEST_NUMBER):
+        raise InvalidInput(f"{kind}: points must be at most {LARGEST_NUMBER:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     return array
