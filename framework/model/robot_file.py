@@ -15,7 +15,7 @@ from framework.model.description import ParsedRobot, RobotDescription, Spring, l
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
-from framework.model.robot_keys import TREE, added_frame_reader, merge_joint_dynamics, robot_table
+from framework.model.robot_keys import TREE, RobotReader, merge_joint_dynamics
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
@@ -63,7 +63,8 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     with prefix_errors(f"urdf: {tree['urdf']}"):
         mimics = declared_couplings(root, locked)
 
-    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimics), locked=locked)
+    is_coupled = "couplings" in content or bool(mimics)
+    table = RobotReader(urdf, locked).table(is_coupled=is_coupled)
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
@@ -146,7 +147,7 @@ def _read_urdf(
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
-    read_frames = list_of(added_frame_reader(read_tree(root)))
+    read_frames = list_of(RobotReader(read_tree(root)).added_frame)
     for frame in read_frames("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)  # `frame` has the other arguments
