@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -27,10 +27,8 @@ from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRO
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
 NO_KNOTS: Array = read_only(np.empty(0))
 DIFFERENCE_ROUNDING = 1e-10  # rounding error allowed in x of a user's own path, over the largest value
-DIFFERENCE_INTERVALS = 9  # on which derivatives of a user's own path are tested
-JUMP_INTERVALS = 4096  # of [0, 1], then of the interval with the largest change
-INTERVAL_LENGTH = 1e-3  # in s, unless knots are closer to each other
-GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 are spread evenly and lie on no regular grid
+DIFFERENCE_INTERVALS = 9  # between two knots, on which derivatives of a user's own path are tested
+GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 
 
 class Path(Protocol):
@@ -425,51 +423,47 @@ def _check_continuous(path: Path, order: int) -> None:
     The largest change between neighbouring points of a grid is compared with the largest change on a finer
     grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
     """
-    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1])
-    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, JUMP_INTERVALS))
-    if fine.change > max(0.5 * coarse.change, PATH_JUMP * fine.largest_value):
+    s = np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1]
+    start, end, coarse_change, _ = _find_largest_change(path, order, s)
+    s = np.linspace(start, end, GRID_INTERVALS)
+    start, _, change, largest = _find_largest_change(path, order, s)
+    if change > max(0.5 * coarse_change, PATH_JUMP * largest):
         fault = "have no bound" if order == 1 else "have to jump"
         raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {fine.start:.6g} by {fine.change:.3g}, where the torque "
-            f"would {fault}: round it, as a Polyline does its corners"
+            f"path: path(s, {order}) jumps at s = {start:.6g} by {change:.3g}, where the torque would "
+            f"{fault}: round it, as a Polyline does its corners"
         )
 
 
-class _LargestChange(NamedTuple):
-    """The interval of a grid on which a derivative of a path changes most."""
-
-    start: float  # s
-    end: float  # s
-    change: float  # of the derivative on the interval
-    largest_value: float  # of the derivative on the grid
-
-
-def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
+def _find_largest_change(path: Path, order: int, s: Array) -> tuple[float, float, float, float]:
     """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most.
 
-    Args:
-        order: 1 or 2, the order of the derivative.
+    `order` is that of the derivative, 1 or 2.
+
+    Returns:
+        Both ends of the interval in s, the change on it, and the largest |derivative| on the grid.
     """
     values = _evaluate_path(path, s, order)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)
     k = changes.argmax()
-    return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
+    return s[k], s[k + 1], changes[k], np.abs(values).max()
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
-    The starts are multiples of the golden ratio modulo 1. A start is moved down if its interval would contain
-    a knot.
+    Between any two knots, or a knot and an end, DIFFERENCE_INTERVALS of them start at equal distances.
     """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
-    if not np.all(np.diff(edges) > 0):
+    widths = np.diff(edges) / DIFFERENCE_INTERVALS  # (panels,)
+    if not np.all(widths > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    starts = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
-    panel = np.searchsorted(edges, starts, side="right") - 1
-    lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
-    return np.minimum(starts, edges[panel + 1] - lengths), lengths
+    starts = edges[:-1, None] + widths[:, None] * np.arange(
+        DIFFERENCE_INTERVALS
+    )  # (panels, intervals of each)
+    lengths = np.broadcast_to(np.minimum(1.0 / GRID_INTERVALS, widths)[:, None], starts.shape)
+    return starts.ravel(), lengths.ravel()
 
 
 def _evaluate_path(path: Path, s: Array, order: int) -> Array:
