@@ -10,7 +10,7 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -154,17 +154,6 @@ class TimeFunction(ReadOnlyArrays):
         return tail(self.coefficients)
 
 
-def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
-    """Evaluate functions of the same panels and size at t (T,); return values (T, k) of each.
-
-    One evaluation of all components takes less time than one for each function.
-    """
-    series = [function.coefficients for function in functions]
-    starts = np.cumsum([part.shape[2] for part in series[:-1]])  # of each function but the first
-    together = TimeFunction(functions[0].edges, np.concatenate(series, axis=2))
-    return np.split(together(t), starts, axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class TimeGrid(ReadOnlyArrays):
     """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
@@ -207,23 +196,16 @@ class TimeGrid(ReadOnlyArrays):
         """Evaluate a function and its first two time derivatives at the nodes, (panels * size, k) each.
 
         The function must have the panels and the size of this grid. Differentiation amplifies the rounding
-        error of each coefficient, which is small if the coefficient is small. `differentiate`, by contrast,
-        amplifies the rounding error of the largest value.
+        error of each coefficient, which is small if the coefficient is small.
         """
-        basis, first, second = basis_values(self.size)
+        basis, first, second = _basis_values(self.size)
         series = function.coefficients
-        return np.concatenate(basis @ series), *self._time_derivatives(first @ series, second @ series)
-
-    def differentiate(self, values: Array) -> tuple[Array, Array]:
-        """Compute first and second time derivatives, (panels * size, k) each, of values at the nodes."""
-        first, second = _differentiation_matrices(self.size)
-        stacked = self._stack_panels(values)
-        return self._time_derivatives(first @ stacked, second @ stacked)
-
-    def _time_derivatives(self, first: Array, second: Array) -> tuple[Array, Array]:
-        """Scale two derivatives (panels, size, k) from [-1, 1] to time, (panels * size, k) each."""
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
-        return np.concatenate(first / half_widths), np.concatenate(second / half_widths**2)
+        return (
+            np.concatenate(basis @ series),
+            np.concatenate(first @ series / half_widths),
+            np.concatenate(second @ series / half_widths**2),
+        )
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
@@ -264,15 +246,8 @@ def derivative_matrix(size: int, order: int = 1) -> Array:
     return read_only(matrix)
 
 
-@lru_cache(maxsize=16)
-def _differentiation_matrices(size: int) -> tuple[Array, Array]:
-    """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
-    _, first, second = basis_values(size)
-    return first @ _transform_matrix(size), second @ _transform_matrix(size)
-
-
 @lru_cache(maxsize=32)
-def basis_values(size: int) -> tuple[Array, Array, Array]:
+def _basis_values(size: int) -> tuple[Array, Array, Array]:
     """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
