@@ -91,22 +91,9 @@ def real_roots(series: Array) -> Array:
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
     degree = int(np.flatnonzero(~is_rounding).max(initial=0))
-    if degree == 0 or _constant_dominates(sizes[: degree + 1]):
-        return np.empty(0)
     roots = chebyshev.chebroots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
-
-
-def _constant_dominates(sizes: Array) -> bool:
-    """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
-
-    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
-    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
-    SAME_PLACE^(1/2) off the real axis.
-    """
-    base = 1.0 + 2.0 * SAME_PLACE**0.25
-    return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
 
 
 @dataclass(frozen=True, eq=False)
