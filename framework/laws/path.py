@@ -22,11 +22,10 @@ from framework.errors import InvalidInput, check_order, expect_call
 from framework.laws.law import compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.fields import LARGEST_NUMBER
-from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
+from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SAME_PLACE, SMALLEST_BLEND, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
 NO_KNOTS: Array = read_only(np.empty(0))
-DIFFERENCE_ROUNDING = 1e-10  # rounding error allowed in x of a user's own path, over the largest value
 DIFFERENCE_INTERVALS = 9  # between two knots, on which derivatives of a user's own path are tested
 GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 
@@ -403,9 +402,9 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
 
-    # the difference may be a share of the largest derivative, plus the rounding error of a quotient
+    # the difference may be a share of the largest derivative, plus that of values which count as the same
     largest = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)  # (n,)
-    rounding = DIFFERENCE_ROUNDING * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
+    rounding = SAME_PLACE * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
     allowed = WRONG_DERIVATIVE * largest + rounding
     excess = np.abs(means - quotients) - allowed
     if np.any(excess > 0):

@@ -11,6 +11,7 @@ All other modules see one tree.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -24,7 +25,6 @@ from framework.model.placement import placement, rotation_about, to_rpy, unit_ve
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     ENTRIES,
-    JOINT_TYPES,
     MOVING,
     Joint,
     add_endless_limit,
@@ -34,21 +34,11 @@ from framework.numerics.arrays import Array
 
 GROUND = "ground"  # the root link of a robot whose file frees the root
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
-# the children that pinocchio reads, by tag and by type of joint
-_READ_PARTS = {
-    "link": ("inertial",),
-    "inertial": ("origin", "mass", "inertia"),
-    **dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin")),
-    **dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit")),
-}
-# the attributes of these children that hold numbers
-_NUMBERS = {
-    "origin": ("xyz", "rpy"),
-    "mass": ("value",),
-    "inertia": ENTRIES,
-    "axis": ("xyz",),
-    "limit": ("lower", "upper", "effort", "velocity"),
-}
+# the children of joints that pinocchio reads, of all and of moving ones
+_JOINT_PARTS = ("parent", "child", "origin")
+_MOVING_JOINT_PARTS = (*_JOINT_PARTS, "axis", "limit")
+# the attributes of these children, and of those of `<inertial>`, that hold numbers
+_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *ENTRIES}
 
 
 def vector_text(values: Iterable[float]) -> str:
@@ -233,20 +223,20 @@ def copy_without_shapes(root: Element) -> Element:
     Pinocchio's parser prints errors in visuals and collisions to the console, and parses numbers differently.
     """
     bare = Element("robot", name=root.get("name", ""))
-    bare.extend(_copy_read_parts(element) for element in root if element.tag in ("link", "joint"))
+    for element in root:
+        if element.tag == "link":
+            tags: tuple[str, ...] = ("inertial",)
+        elif element.tag == "joint":
+            tags = _MOVING_JOINT_PARTS if element.get("type") in MOVING else _JOINT_PARTS
+        else:
+            continue
+        copy = SubElement(bare, element.tag, element.attrib)
+        for tag in tags:
+            copy.extend(deepcopy(element.findall(tag)[:1]))  # pinocchio reads the first of a tag
+    for element in bare.iter():
+        for key in _NUMBERS & element.attrib.keys():
+            element.set(key, vector_text(map(float, element.attrib[key].split())))
     return bare
-
-
-def _copy_read_parts(element: Element) -> Element:
-    """Copy an element with the children that pinocchio reads, which are copied likewise."""
-    copy = Element(element.tag, element.attrib)
-    for key in _NUMBERS.get(element.tag, ()):
-        if key in copy.attrib:
-            copy.set(key, vector_text(map(float, copy.attrib[key].split())))
-    kind = element.get("type", "") if element.tag == "joint" else element.tag  # key of _READ_PARTS
-    for tag in _READ_PARTS.get(kind, ()):
-        copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))  # pinocchio reads the first of a tag
-    return copy
 
 
 def make_continuous_joints_revolute(root: Element) -> None:

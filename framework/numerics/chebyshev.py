@@ -88,10 +88,8 @@ def real_roots(series: Array) -> Array:
     beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
     axis, because rounding splits a double root by its square root.
     """
-    sizes = np.abs(series)
-    is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
-    degree = int(np.flatnonzero(~is_rounding).max(initial=0))
-    roots = chebyshev.chebroots(series[: degree + 1])
+    rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
+    roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
