@@ -114,24 +114,19 @@ class TimeFunction(ReadOnlyArrays):
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
-        if len(self.edges) == 2:
-            values = self._evaluate_panel(0, flat, order)
-        else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
-            values = np.empty((flat.size, self.coefficients.shape[2]))
-            for p in np.unique(panel) if values.size else ():
-                inside = panel == p
-                values[inside] = self._evaluate_panel(p, flat[inside], order)
+        panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
+        values = np.empty((flat.size, self.coefficients.shape[2]))
+        for p in np.unique(panel):
+            inside = panel == p
+            values[inside] = self._evaluate_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
         """Compute values (T, k) of the time derivative of `order` at t (T,) on panel p."""
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
-        series = self.coefficients[p]
-        for _ in range(order):
-            series = derivative_matrix(len(series)) @ series / half_width
-        return evaluate(np.minimum(np.maximum(local, -1.0), 1.0), series)
+        series = derivative_matrix(self.coefficients.shape[1], order) @ self.coefficients[p]
+        return evaluate(np.clip(local, -1.0, 1.0), series) / half_width**order
 
     @property
     def tail(self) -> float:
