@@ -18,7 +18,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import InvalidInput, check_order
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
@@ -289,32 +289,40 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     Returns:
         Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
+    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
+    to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
+    p = coefficients @ to_p.T
+    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
+    p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # by the normalised time
+    advances = np.full(len(times), -np.inf)
+    peaks = np.full(len(times), np.inf)
+    advances[is_regular] = p_samples.min(axis=1) / mean
+    peaks[is_regular] = np.abs(accelerations).max(axis=1) * (2.0 / duration) ** 2
+    return advances, peaks
+
+
+def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
+    """Compute Chebyshev coefficients (r, c) of the laws from rest to rest whose conditions are independent.
+
+    The arguments are those of `advances_and_peaks`. Which r of the m laws these are is the second part of the
+    result, a mask (m,). Each law has c conditions.
+    """
     count, instants = times.shape
     scale = 2.0 / duration  # dx/dt of the normalised time x
     end_orders = range(smoothness + 1)
-    orders = np.array([*end_orders, *end_orders, *([0, 1, 2] * instants)])  # (c,) of the c conditions
+    orders = np.array([*end_orders, *end_orders, *([0, 1, 2] * instants)])  # (c,) of the conditions
     end_x = np.repeat([-1.0, 1.0], len(end_orders))
     inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
     x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
 
-    targets = np.zeros(x.shape)  # derivatives by x: those by time over powers of dx/dt
+    targets = np.zeros(x.shape)
     targets[:, len(end_orders)] = 1.0  # s at the end
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
-    targets /= scale**orders
+    targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, sizes = _scaled_rows(x, orders)
     is_regular = np.linalg.det(rows) != 0.0  # (m,)
     right_sides = (targets / sizes)[is_regular]
-    coefficients = np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0]
-
-    to_p, to_samples = _matrices_for_search(len(orders) - 1, smoothness)
-    p = coefficients @ to_p.T
-    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
-    p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)
-    advances = np.full(count, -np.inf)
-    peaks = np.full(count, np.inf)
-    advances[is_regular] = p_samples.min(axis=1) / mean
-    peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
-    return advances, peaks
+    return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 
 
 def least_value(series: Array) -> float:

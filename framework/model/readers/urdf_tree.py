@@ -377,7 +377,7 @@ class UrdfTree(Tree):
                 self.parent_joint[hinge.child] = hinge
 
     def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
-        """Add the loop equation sum(arm q) = offset of joints; return whether the tree can express it.
+        """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
         other equation of one joint fixes the joint, and one of two joints becomes a coupling.
