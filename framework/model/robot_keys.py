@@ -159,7 +159,8 @@ class RobotReader:
     def added_frame(self, where: str, given: Any) -> dict[str, Any]:
         """Read a frame to add, with mass [kg] and inertia [kg m^2] if stated.
 
-        An inertia needs a mass beside it. The values are the arguments of `urdf_edits.add_frame`, with `xyz` and `rpy` for the origin.
+        An inertia needs a mass beside it. The values are the arguments of `urdf_edits.add_frame`, with `xyz`
+        and `rpy` for the origin.
         """
         table = {
             "name": required(text),

@@ -118,7 +118,7 @@ def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(nam
 
 
 def list_of(read: Reader[T], *, least: int = 0) -> Reader[tuple[T, ...]]:
-    """Return a reader of a list of values of one kind, with at least 0 or 1 of them."""
+    """Return a reader of a list with at least `least` (0 or 1) values of one kind."""
 
     def read_list(where: str, raw: Any) -> tuple[T, ...]:
         """Read each item at its place in the list."""
