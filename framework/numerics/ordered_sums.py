@@ -60,15 +60,9 @@ def solve(matrix: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:  # one singular matrix fails the whole stack
-        return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
-
-
-def _solve_one(matrix: Array, right: Array) -> Array:
-    """Solve one system; return infinite values if the matrix is singular."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.full_like(right, np.inf)
+        if len(matrix) == 1:
+            return np.full_like(right, np.inf)
+        return np.concatenate([solve(matrix[[k]], right[[k]]) for k in range(len(matrix))])
 
 
 def singular_values(matrices: NDArray[Any]) -> Array:
