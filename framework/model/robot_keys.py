@@ -19,6 +19,7 @@ from framework.model.description import (
     AXES,
     CLOSURE_KINDS,
     GOALS,
+    LEVELS_BY_NAME,
     Actuator,
     Closure,
     Coupling,
@@ -32,7 +33,6 @@ from framework.model.description import (
     kinds_with_length,
     locked_axes,
 )
-from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.urdf_elements import COORDINATE_SUFFIXES, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
     Table,

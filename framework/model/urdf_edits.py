@@ -12,14 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import check_name
-from framework.model.description import Spring
+from framework.model.description import RobotDescription, Spring
 from framework.model.documents import child_element, read_axis, remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
@@ -212,6 +213,44 @@ def free_root(root: Element) -> None:
     root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
     for limit in root.findall("joint/limit")[-len(motions) :]:  # of the chain, which was added last
         limit.set("effort", "0")  # nothing drives these joints
+
+
+# ------------------------------------------------------------------ for levels of fidelity
+
+
+def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
+    """Return the robot with mass in no body, in the payload or in all.
+
+    The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
+    the moving body that carries the platform's frame. A robot without any mass has no joint dynamics either:
+    only its rotors cause forces.
+
+    Args:
+        bodies: that have mass: "none", "payload" or "all".
+    """
+    if bodies == "all":
+        return description
+    root = fromstring(description.urdf_text)
+    with_mass = _payload_links(description, root) if bodies == "payload" else []
+    for link in root.findall("link"):
+        if link.get("name") not in with_mass:
+            remove_children(link, "inertial")
+    return replace(
+        description,
+        urdf_text=tostring(root, encoding="unicode"),
+        joints=description.joints if with_mass else {},
+    )
+
+
+def _payload_links(description: RobotDescription, root: Element) -> list[str]:
+    """Return the names of the links that carry the payload's inertia."""
+    platform = description.platform.frame
+    masses = [link.find("inertial/mass") for link in root.findall("link") if link.get("name") == platform]
+    if any(mass is not None and float(mass.get("value", "0")) > 0 for mass in masses):
+        return [platform]
+    urdf = read_tree(root)
+    body = urdf.body(platform)
+    return [name for name in urdf.links if urdf.body(name) == body]
 
 
 # ------------------------------------------------------------------ for pinocchio
