@@ -302,10 +302,12 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
 
 def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
-    """Compute Chebyshev coefficients (r, c) of the laws from rest to rest whose conditions are independent.
+    """Solve for the Chebyshev coefficients (r, c) of the r laws whose c conditions are independent.
 
-    The arguments are those of `advances_and_peaks`. Which r of the m laws these are is the second part of the
-    result, a mask (m,). Each law has c conditions.
+    The arguments are those of `advances_and_peaks`.
+
+    Returns:
+        The coefficients, and a mask (m,) of the laws to which they belong.
     """
     count, instants = times.shape
     scale = 2.0 / duration  # dx/dt of the normalised time x

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -422,45 +422,49 @@ def _check_continuous(path: Path, order: int) -> None:
     The largest change between neighbouring points of a grid is compared with the largest change on a finer
     grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
     """
-    s = np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1]
-    start, end, coarse_change, _ = _find_largest_change(path, order, s)
-    s = np.linspace(start, end, GRID_INTERVALS)
-    start, _, change, largest = _find_largest_change(path, order, s)
-    if change > max(0.5 * coarse_change, PATH_JUMP * largest):
+    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1])
+    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, GRID_INTERVALS))
+    if fine.change > max(0.5 * coarse.change, PATH_JUMP * fine.largest_value):
         fault = "have no bound" if order == 1 else "have to jump"
         raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {start:.6g} by {change:.3g}, where the torque would "
-            f"{fault}: round it, as a Polyline does its corners"
+            f"path: path(s, {order}) jumps at s = {fine.start:.6g} by {fine.change:.3g}, where the torque "
+            f"would {fault}: round it, as a Polyline does its corners"
         )
 
 
-def _find_largest_change(path: Path, order: int, s: Array) -> tuple[float, float, float, float]:
+class _LargestChange(NamedTuple):
+    """The interval of a grid on which a derivative of a path changes most."""
+
+    start: float  # s
+    end: float  # s
+    change: float  # of the derivative on the interval
+    largest_value: float  # of the derivative on the grid
+
+
+def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
     """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most.
 
-    `order` is that of the derivative, 1 or 2.
-
-    Returns:
-        Both ends of the interval in s, the change on it, and the largest |derivative| on the grid.
+    Args:
+        order: 1 or 2, the order of the derivative.
     """
     values = _evaluate_path(path, s, order)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)
     k = changes.argmax()
-    return s[k], s[k + 1], changes[k], np.abs(values).max()
+    return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
-    Between any two knots, or a knot and an end, DIFFERENCE_INTERVALS of them start at equal distances.
+    Each panel, between two knots or ends of the path, has DIFFERENCE_INTERVALS at equal distances.
     """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
     widths = np.diff(edges) / DIFFERENCE_INTERVALS  # (panels,)
     if not np.all(widths > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    starts = edges[:-1, None] + widths[:, None] * np.arange(
-        DIFFERENCE_INTERVALS
-    )  # (panels, intervals of each)
+    steps = np.arange(DIFFERENCE_INTERVALS)
+    starts = edges[:-1, None] + widths[:, None] * steps  # (panels, intervals of each)
     lengths = np.broadcast_to(np.minimum(1.0 / GRID_INTERVALS, widths)[:, None], starts.shape)
     return starts.ravel(), lengths.ravel()
 
