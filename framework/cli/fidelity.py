@@ -20,7 +20,7 @@ from framework.fidelity.capacity import Capacity, capacity_request, largest_load
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.fidelity.predicted_level import format_percent
-from framework.model.fidelity_levels import LEVELS
+from framework.model.description import LEVELS
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, json_text, select_fields
 from framework.planning.options import LIMITS

@@ -42,7 +42,6 @@ from framework.kinematics.tree_model import is_ball
 from framework.laws.law import law_derivatives
 from framework.laws.path import PointPath, time_derivatives
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import evaluate_together
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
@@ -184,7 +183,8 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
     robot = branch.robot
     s = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
     x, dx, ddx = time_derivatives(branch.path, s)
-    offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
+    offsets = result.offsets(times)
+    rates = [rate(times) for rate in result.deflection_rates]
     q = integrate(robot, result.origin, offsets)
     poses = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":

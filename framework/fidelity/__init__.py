@@ -1,6 +1,6 @@
 """The least detailed model of a robot that is enough for a motion.
 
-Open `fidelity_study` first. `framework.model.fidelity_levels` declares the levels. `predicted_level` computes
+Open `fidelity_study` first. `framework.model.description` declares the levels. `predicted_level` computes
 the torques of each level along one motion, estimates their errors without simulation, and chooses the level
 to plan with. `model_comparison` simulates the torques in the highest model. `capacity` finds the largest load
 with which the robot still crosses within its limits.

@@ -37,7 +37,7 @@ from framework.fidelity.predicted_level import (
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
 from framework.laws.path import Path
-from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
+from framework.model.description import LEVELS, LEVELS_BY_NAME, Level
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.output import Document, plain, select_fields
 from framework.planning.neglected_effects import neglected_friction
@@ -59,7 +59,7 @@ class FidelityStudy(ReadOnlyArrays):
     robot: ParallelRobot  # the highest model
     length: float  # [m] of the path, with rotations multiplied by the robot's length
     times: Array  # (T,) [s] instants of the levels' errors
-    levels: tuple[Comparison, ...]  # in the order of `fidelity_levels.LEVELS`
+    levels: tuple[Comparison, ...]  # in the order of `description.LEVELS`
     indicators: Indicators
     fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     has_control: bool  # whether the simulated motors have controllers, because the robot falls

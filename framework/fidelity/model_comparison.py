@@ -22,7 +22,7 @@ from framework.fidelity.predicted_level import OWN_ERROR, STEP_ERRORS, LevelMoti
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
+from framework.model.description import LEVELS, LEVELS_BY_NAME, Level
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.planning.request import MOTION_SAMPLES, largest_by_unit, path_length
 from framework.planning.result import CrossingPlan

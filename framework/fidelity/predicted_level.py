@@ -37,8 +37,8 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.model.description import FLEXIBILITIES, RobotDescription
-from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level, with_bodies
+from framework.model.description import FLEXIBILITIES, LEVELS, LEVELS_BY_NAME, Level, RobotDescription
+from framework.model.urdf_edits import with_bodies
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import ModelOnMotion
 from framework.planning.plan import plan_request

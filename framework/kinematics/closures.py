@@ -186,7 +186,7 @@ def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None
     directions = mechanism.directions
     distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)  # (d,) between tips of axes
     # a distance is 0 in the right pose, and sqrt(2) or more in a flipped one
-    return directions.closures[np.argmax(distances)] if np.any(distances > 1.0) else None
+    return str(directions.closures[np.argmax(distances)]) if np.any(distances > 1.0) else None
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:

@@ -18,21 +18,21 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import InvalidInput, check_order
-from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
+from framework.numerics.fields import LARGEST_NUMBER
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
-LARGEST = 1e30  # duration [s] or coordinate [m, rad]; fourth powers of it and of its inverse do not overflow
 SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
 
 
 def check_duration(duration: float) -> None:
-    """Raise InvalidInput unless a duration is a number in [1 / LARGEST, LARGEST] s."""
+    """Raise InvalidInput unless a duration is a number in [1 / LARGEST_NUMBER, LARGEST_NUMBER] s."""
     if not (is_number(duration) and duration > 0):
         raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
-    shortest = 1.0 / LARGEST
-    if not shortest <= duration <= LARGEST:
-        raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST:g}] s, got {duration!r}")
+    shortest = 1.0 / LARGEST_NUMBER
+    if not shortest <= duration <= LARGEST_NUMBER:
+        raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST_NUMBER:g}] s, got {duration!r}")
 
 
 def is_number(value: object) -> bool:
@@ -277,10 +277,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
     The laws are those of `rest_to_rest`, and the first estimate is `Law.advance`.
 
-    The estimates are taken at samples, which is fast enough for a search among many laws. In normalised time
-    x in [-1, 1] let s' = (1 - x^2)^smoothness p(x). Then a law is at rest at both ends for any p. So p has to
-    meet only s(1) = 1 and, at k inner instants, the conditions on s, s' and s". The c = 3 k + 1 Chebyshev
-    coefficients of p solve one linear equation per condition.
+    The estimates are taken at samples, which is fast enough for a search among many laws. As in
+    `Law.from_conditions`, the Chebyshev coefficients of a law solve one linear equation per condition.
 
     Args:
         duration: of all laws [s].
@@ -291,43 +289,42 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     Returns:
         Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
-    count = len(times)
-    scale = 2.0 / duration  # dx/dt
-    ones = np.ones((count, 1))  # the last condition is s = 1 at x = 1
-    inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
-    x = np.append(inner_x, ones, axis=1)  # (m, c)
-    orders = np.array([0, 1, 2] * times.shape[1] + [0])  # (c,) of the derivative in each condition
-    # (m, c) required derivatives by x: those by time over powers of dx/dt
-    targets = np.append(values.reshape(inner_x.shape), ones, axis=1) / scale**orders
-    rows = _rows_of_laws_at_rest(smoothness, x, orders)
-    is_regular = np.linalg.det(rows) != 0.0  # (m,)
-    p_series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]
-
-    p, accelerations = np.split(p_series @ _matrix_to_samples(smoothness, len(orders)), 2, axis=1)
-    mean = np.abs(p_series @ _interior_values(len(orders)).T).mean(axis=1)
-    advances = np.full(count, -np.inf)
-    peaks = np.full(count, np.inf)
-    advances[is_regular] = p.min(axis=1) / mean
-    peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
+    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
+    to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
+    p = coefficients @ to_p.T
+    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
+    p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # by the normalised time
+    advances = np.full(len(times), -np.inf)
+    peaks = np.full(len(times), np.inf)
+    advances[is_regular] = p_samples.min(axis=1) / mean
+    peaks[is_regular] = np.abs(accelerations).max(axis=1) * (2.0 / duration) ** 2
     return advances, peaks
 
 
-def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
-    """Return the matrices (m, c, c) of m laws, from c coefficients of p to derivatives of s by x.
+def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
+    """Solve for the Chebyshev coefficients (r, c) of the r laws whose c conditions are independent.
 
-    In normalised time x, s' = (1 - x^2)^smoothness p(x) with a Chebyshev series p. Row i of a matrix gives
-    the derivative of order `orders[i]` at x[:, i]. It is a Chebyshev series of n terms T_k(x) = cos(k arccos
-    x).
+    The arguments are those of `advances_and_peaks`.
 
-    Args:
-        smoothness: exponent of the factor that vanishes at both ends.
-        x: normalised times (m, c) of the conditions.
-        orders: (c,) 0, 1 or 2.
+    Returns:
+        The coefficients, and a mask (m,) of the laws to which they belong.
     """
-    series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
-    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)
-    polynomials = np.cos(angles * np.arange(series.shape[1]))  # (c, m, n) values of T_k
-    return (polynomials @ series).swapaxes(0, 1)
+    count, instants = times.shape
+    scale = 2.0 / duration  # dx/dt of the normalised time x
+    end_orders = range(smoothness + 1)
+    orders = np.array([*end_orders, *end_orders, *([0, 1, 2] * instants)])  # (c,) of the conditions
+    end_x = np.repeat([-1.0, 1.0], len(end_orders))
+    inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
+    x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
+
+    targets = np.zeros(x.shape)
+    targets[:, len(end_orders)] = 1.0  # s at the end
+    targets[:, len(end_x) :] = values.reshape(inner_x.shape)
+    targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
+    rows, sizes = _scaled_rows(x, orders)
+    is_regular = np.linalg.det(rows) != 0.0  # (m,)
+    right_sides = (targets / sizes)[is_regular]
+    return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 
 
 def least_value(series: Array) -> float:
@@ -349,25 +346,34 @@ def least_value(series: Array) -> float:
 def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
     """Return the linear equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
-    A condition (x, order) sets a derivative of s at the normalised time x. Its row contains the derivatives
-    of all T_j at x. It is divided by its size, the largest of their absolute values.
+    A condition (x, order) sets a derivative of s at the normalised time x.
 
     Raises:
         InvalidInput: the rows are linearly dependent.
     """
-    count = len(conditions)
-    x = np.array([x for x, _ in conditions])
-    polynomials = chebyshev.chebvander(x, count - 1)  # (k, k) T_j(x_i)
-    derivatives = np.array([derivative_matrix(count, order) for _, order in conditions])  # (k, k, k)
-    rows = np.einsum("ij,ijk->ik", polynomials, derivatives)
-    sizes = np.abs(rows).max(axis=1)
-    rows /= np.where(sizes > 0, sizes, 1.0)[:, None]  # a zero row stays, and makes the rows dependent
+    x, orders = zip(*conditions, strict=True)
+    rows, sizes = _scaled_rows(np.array(x), orders)
     U, S, V_rows = np.linalg.svd(rows)  # S descends
     if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
     return rows, (V_rows.T / S) @ U.T, sizes
+
+
+def _scaled_rows(x: Array, orders: Iterable[int]) -> tuple[Array, Array]:
+    """Return the linear equations (..., k, k) of k conditions, and the sizes (..., k) of their rows.
+
+    Row i contains the derivatives of order `orders[i]` of all T_j at the normalised time x[..., i]. It is
+    divided by its size, the largest of their absolute values.
+    """
+    count = x.shape[-1]
+    polynomials = chebyshev.chebvander(x, count - 1)  # (..., k, k) T_j(x_i)
+    derivatives = np.array([derivative_matrix(count, order) for order in orders])  # (k, k, k)
+    rows = np.einsum("...ij,ijk->...ik", polynomials, derivatives)
+    sizes = np.abs(rows).max(axis=-1)
+    sizes[sizes == 0.0] = 1.0  # a zero row stays, and makes the rows dependent
+    return rows / sizes[..., None], sizes
 
 
 @lru_cache(maxsize=64)
@@ -380,15 +386,17 @@ def _interior_values(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrix_to_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 N) from coefficients of p to N samples of p, then N of d2s/dx2.
+def _matrices_for_search(degree: int, smoothness: int) -> tuple[Array, Array]:
+    """Return the matrices from coefficients (degree + 1,) of a law s to coefficients of p, and to samples.
 
-    The law s has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a
-    Chebyshev series with `size` coefficients. The samples are at N = SEARCH_SAMPLES size nodes x.
+    The law has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a Chebyshev
+    series with c coefficients. The samples are N of p, then N of d2s/dx2, at N = SEARCH_SAMPLES c nodes x.
     """
-    _s, _ds, second_derivative = _rest_integrals(smoothness, size)  # (terms, size) series of d2s/dx2
-    T_values = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivative) - 1)  # (N, terms)
-    return np.vstack([T_values[:, :size], T_values @ second_derivative]).T
+    to_p = _divide_out_ends(degree, smoothness)  # (c, degree + 1)
+    T_values = chebyshev.chebvander(nodes(SEARCH_SAMPLES * len(to_p)), degree)  # (N, degree + 1)
+    p_samples = T_values[:, : len(to_p)] @ to_p
+    accelerations = T_values @ derivative_matrix(degree + 1, 2)
+    return to_p, np.vstack([p_samples, accelerations])
 
 
 @lru_cache(maxsize=64)
@@ -405,18 +413,3 @@ def _divide_out_ends(degree: int, smoothness: int) -> Array:
     slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
     quotients = slopes / (1 - x[:, None] ** 2) ** smoothness
     return np.linalg.pinv(_interior_values(size)) @ quotients
-
-
-@lru_cache(maxsize=64)
-def _rest_integrals(smoothness: int, size: int) -> Array:
-    """Return the Chebyshev series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_0 .. T_(size - 1).
-
-    s(x) is the integral of (1 - x^2)^smoothness p(x) from -1 to x. Each series has n terms.
-    """
-    bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
-    integrals = np.zeros((2 * smoothness + size + 1, size))
-    for k, unit_vector in enumerate(np.eye(size)):
-        T_k = unit_vector[: k + 1]  # its Chebyshev coefficients
-        series = chebyshev.chebint(chebyshev.chebmul(bump, T_k), lbnd=-1)
-        integrals[: len(series), k] = series
-    return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

@@ -19,17 +19,15 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.laws.law import LARGEST, compose_derivatives, is_number
+from framework.laws.law import compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
+from framework.numerics.fields import LARGEST_NUMBER
+from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SAME_PLACE, SMALLEST_BLEND, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
 NO_KNOTS: Array = read_only(np.empty(0))
-DIFFERENCE_ROUNDING = 1e-10  # rounding error allowed in x of a user's own path, over the largest value
-DIFFERENCE_INTERVALS = 9  # on which derivatives of a user's own path are tested
-JUMP_INTERVALS = 4096  # of [0, 1], then of the interval with the largest change
-INTERVAL_LENGTH = 1e-3  # in s, unless knots are closer to each other
-GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 are spread evenly and lie on no regular grid
+DIFFERENCE_INTERVALS = 9  # between two knots, on which derivatives of a user's own path are tested
+GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 
 
 class Path(Protocol):
@@ -67,8 +65,8 @@ def _check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if np.any(np.abs(array) > LARGEST):
-        raise InvalidInput(f"{kind}: points must be at most {LARGEST:g} in size, got {points!r}")
+    if np.any(np.abs(array) > LARGEST_NUMBER):
+        raise InvalidInput(f"{kind}: points must be at most {LARGEST_NUMBER:g} in size, got {points!r}")
     if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     return array
@@ -404,9 +402,9 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
 
-    # the difference may be a share of the largest derivative, plus the rounding error of a quotient
+    # the difference may be a share of the largest derivative, plus that of values which count as the same
     largest = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)  # (n,)
-    rounding = DIFFERENCE_ROUNDING * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
+    rounding = SAME_PLACE * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
     allowed = WRONG_DERIVATIVE * largest + rounding
     excess = np.abs(means - quotients) - allowed
     if np.any(excess > 0):
@@ -424,8 +422,8 @@ def _check_continuous(path: Path, order: int) -> None:
     The largest change between neighbouring points of a grid is compared with the largest change on a finer
     grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
     """
-    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1])
-    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, JUMP_INTERVALS))
+    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1])
+    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, GRID_INTERVALS))
     if fine.change > max(0.5 * coarse.change, PATH_JUMP * fine.largest_value):
         fault = "have no bound" if order == 1 else "have to jump"
         raise InvalidInput(
@@ -458,17 +456,17 @@ def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
 def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
-    The starts are multiples of the golden ratio modulo 1. A start is moved down if its interval would contain
-    a knot.
+    Each panel, between two knots or ends of the path, has DIFFERENCE_INTERVALS at equal distances.
     """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
-    if not np.all(np.diff(edges) > 0):
+    widths = np.diff(edges) / DIFFERENCE_INTERVALS  # (panels,)
+    if not np.all(widths > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    starts = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
-    panel = np.searchsorted(edges, starts, side="right") - 1
-    lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
-    return np.minimum(starts, edges[panel + 1] - lengths), lengths
+    steps = np.arange(DIFFERENCE_INTERVALS)
+    starts = edges[:-1, None] + widths[:, None] * steps  # (panels, intervals of each)
+    lengths = np.broadcast_to(np.minimum(1.0 / GRID_INTERVALS, widths)[:, None], starts.shape)
+    return starts.ravel(), lengths.ravel()
 
 
 def _evaluate_path(path: Path, s: Array, order: int) -> Array:

@@ -1,10 +1,9 @@
 """The description of a robot. Open `description` first, whose records readers make and all packages use.
 
 The records
-    description         robot, closures, springs, scenes, external wrenches: frozen, without a file
+    description         robot, closures, springs, levels, scenes, external wrenches: frozen, without a file
     loop_rows           closures as scalar loop equations
     placement           rigid placements as 4 x 4 matrices
-    fidelity_levels     which parts of a robot a model keeps
 
 The robot file (YAML)
     robot_file          read a robot file and its URDF

@@ -152,6 +152,47 @@ class Spring:
         return tuple(f"{self.name}_{axis}" for axis in self.motion)
 
 
+# ------------------------------------------------------------------ levels of fidelity
+
+
+@dataclass(frozen=True)
+class Level:
+    """One model of a robot: its bodies with mass, its springs and its geometry."""
+
+    name: str  # in robot files, tables and JSON
+    summary: str
+    bodies: str = "all"  # that have mass: none, payload or all; rotors always have their inertia
+    flexibility: str = "rigid"  # says which springs exist, see FLEXIBILITIES
+    geometry: str = "rigid"  # of the robot on which forces are computed: rigid or deformed
+    elastic_inertia: bool = True  # whether the rates of deflections cause inertia forces
+
+
+LEVELS = (
+    Level("kinematics", "no body has mass; the motors turn their rotors", bodies="none"),
+    Level("payload", "the platform's body has mass, the legs have none", bodies="payload"),
+    Level("rigid", "all bodies have mass, nothing gives way"),
+    Level("flexible_joints", "the drives give way", flexibility="flexible_joints"),
+    Level("flexible_links", "links too; forces of the undeformed robot", flexibility="flexible_links"),
+    Level(
+        "deformed",
+        "forces of the deformed robot, singular where that is",
+        flexibility="flexible_links",
+        geometry="deformed",
+        elastic_inertia=False,
+    ),
+    Level(
+        "elastic_inertia",
+        "the bodies feel how the springs move",
+        flexibility="flexible_links",
+        geometry="deformed",
+    ),
+)
+LEVELS_BY_NAME = {level.name: level for level in LEVELS}
+
+
+# ------------------------------------------------------------------ joints and loads
+
+
 @dataclass(frozen=True)
 class JointDynamics:
     """Armature, spring, damping and friction along one joint coordinate.

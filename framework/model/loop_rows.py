@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.model.description import AXES, Closure
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
@@ -244,12 +245,7 @@ class LockedDirections(NamedTuple):
     first: IntArray  # (d,) frame, as index into Mechanism.frames
     second: IntArray  # (d,)
     axis: IntArray  # (d,) 0..2, of both frames
-    closures: Names  # (d,) names
-
-    def take(self, which: IntArray) -> LockedDirections:
-        """Return the pairs at indices (k,)."""
-        names = tuple(self.closures[i] for i in which)
-        return LockedDirections(self.first[which], self.second[which], self.axis[which], names)
+    closures: NDArray[np.str_]  # (d,) names
 
 
 def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
@@ -266,4 +262,4 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
             pairs.append((*map(frames.index, closure.frames), k))
             names.append(closure.name)
     first, second, axis = map(read_only, np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
-    return LockedDirections(first, second, axis, tuple(names))
+    return LockedDirections(first, second, axis, read_only(np.array(names, dtype=str)))

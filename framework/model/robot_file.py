@@ -11,11 +11,11 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
+from framework.model.description import ParsedRobot, RobotDescription, locked_through_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
-from framework.model.robot_keys import TREE, added_frame_reader, merge_joint_dynamics, robot_table
+from framework.model.robot_keys import TREE, RobotReader, merge_joint_dynamics
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
@@ -63,7 +63,8 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     with prefix_errors(f"urdf: {tree['urdf']}"):
         mimics = declared_couplings(root, locked)
 
-    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimics), locked=locked)
+    is_coupled = "couplings" in content or bool(mimics)
+    table = RobotReader(urdf, locked).table(is_coupled=is_coupled)
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
@@ -71,7 +72,6 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
 
-    _merge_joint_springs(robot, locked)
     _drop_locked_joints(robot, locked)
 
     description = RobotDescription(
@@ -85,26 +85,6 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
-
-
-def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move springs of moving URDF joints into the entries of `joints`.
-
-    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
-    """
-    virtual_springs = []
-    for spring in robot["springs"]:
-        if isinstance(spring, Spring):
-            virtual_springs.append(spring)
-            continue
-        joint = spring["joint"]
-        if joint in locked:
-            continue
-        entry = robot["joints"].setdefault(joint, {})
-        if "stiffness" in entry or "rest" in entry:
-            raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
-        entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
-    robot["springs"] = virtual_springs
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
@@ -146,7 +126,7 @@ def _read_urdf(
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
-    read_frames = list_of(added_frame_reader(read_tree(root)))
+    read_frames = list_of(RobotReader(read_tree(root)).added_frame)
     for frame in read_frames("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)  # `frame` has the other arguments

@@ -1,14 +1,14 @@
 """The keys of a robot file: for each mapping a table from its keys to their readers.
 
-Functions named `_x_reader` return a reader that knows the names in the URDF. As all readers, it is called
-with the place `where` in the file and the value there, see `framework.numerics.fields`. It raises
+The methods of `RobotReader` read the values that name parts of the URDF. As all readers, they are called
+with the place `where` in the file and the value there, see `framework.numerics.fields`. They raise
 InvalidInput, or RobotFileError if the value contradicts the URDF.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from framework.model.description import (
     AXES,
     CLOSURE_KINDS,
     GOALS,
+    LEVELS_BY_NAME,
     Actuator,
     Closure,
     Coupling,
@@ -32,16 +33,13 @@ from framework.model.description import (
     kinds_with_length,
     locked_axes,
 )
-from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.urdf_elements import COORDINATE_SUFFIXES, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
-    Reader,
     Table,
     anything,
     below,
     dataclass_of,
     distinct,
-    entries,
     integer,
     list_of,
     mapping,
@@ -79,31 +77,8 @@ TREE: Table = {
     "parameters": optional(anything, {}),  # `parameters` has read them before the file is parsed
     "locked": optional(mapping_of(number), {}),
     "root": optional(one_of("root", ("fixed", "free")), "fixed"),
-    "frames": optional(entries(anything), ()),
+    "frames": optional(list_of(anything, least=1), ()),
 }
-
-
-def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of a frame to add, with mass [kg] and inertia [kg m^2] if stated.
-
-    The values are the arguments of `urdf_edits.add_frame`, with `xyz` and `rpy` for the origin.
-    """
-    table = {
-        "name": required(text),
-        "parent": required(one_of("link", urdf.links)),
-        "xyz": optional(vector3, (0.0, 0.0, 0.0)),
-        "rpy": optional(vector3, (0.0, 0.0, 0.0)),
-        "mass": optional(positive),
-        "inertia": optional(_read_moments),
-    }
-
-    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
-        """Return the stated values; refuse an inertia without a mass."""
-        if values["inertia"] is not None and values["mass"] is None:
-            raise RobotFileError(f"{where}.inertia: needs a mass beside it")
-        return {key: value for key, value in values.items() if value is not None}
-
-    return record(table, make)
 
 
 def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
@@ -113,59 +88,12 @@ def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
     return moments
 
 
-# ------------------------------------------------------------------ the robot on its tree
-
-
-def robot_table(urdf: Tree, *, is_coupled: bool, locked: Iterable[str]) -> Table:
-    """Return the keys that describe the robot on a URDF's tree.
-
-    Args:
-        urdf: links and joints, in which locked joints are fixed.
-        is_coupled: whether the robot has couplings, and so needs no closures.
-        locked: names of locked joints, which keys may name all the same.
-    """
-    movable = [*urdf.movable, *locked]
-    coordinates = [*urdf.coordinates, *locked]
-    closure = _closure_reader(urdf)
-    return {
-        "platform": required(_platform_reader(urdf)),
-        "actuators": required(entries(_actuator_reader(urdf))),
-        "closures": optional(list_of(closure), ()) if is_coupled else required(entries(closure)),
-        "couplings": optional(entries(_coupling_reader(movable)), ()),
-        "springs": optional(entries(_spring_reader(urdf, movable)), ()),
-        "joints": optional(_joints_reader(urdf, coordinates), {}),
-        "gravity": optional(vector3, (0.0, 0.0, -9.81)),
-        "reference": optional(mapping_of(number, one_of("joint", coordinates)), {}),
-        "scenes": optional(_scenes_reader(urdf), {}),
-        "left_out": optional(list_of(text), ()),
-    }
-
-
 _read_axes = distinct("axis", AXES)  # one axis or several different ones
 
 
-def _frame_reader(urdf: Tree) -> Reader[str]:
-    """Return a reader of a frame's link; a joint means its child."""
-    return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
-
-
-def _platform_reader(urdf: Tree) -> Reader[Platform]:
-    """Return a reader of a platform, either a frame with axes or joints."""
-    on_axes = {"frame": required(_frame_reader(urdf)), "axes": required(_read_axes)}
-    of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame_reader(urdf))}
-
-    def read(where: str, given: Any) -> Platform:
-        """Read a frame with axes, or joints with or without a frame."""
-        content = mapping(where, given)
-        if "joints" not in content:
-            return Platform(**read_table(where, given, on_axes))
-        if "axes" in content:
-            raise RobotFileError(f"{where}: needs either axes or joints, and not both")
-        values = read_table(where, given, of_joints)
-        frame = values["frame"] or urdf.joints[values["joints"][-1]].child
-        return Platform(frame, joints=values["joints"])
-
-    return read
+def _read_motion(where: str, given: Any) -> tuple[str, ...]:
+    """Read the elastic axes of a spring; none for the motion of its joint."""
+    return () if given == "own" else _read_axes(where, given)
 
 
 def _read_limit(where: str, given: Any) -> float | None:
@@ -173,105 +101,10 @@ def _read_limit(where: str, given: Any) -> float | None:
     return None if given is None or given == math.inf else positive(where, given)
 
 
-def _actuator_reader(urdf: Tree) -> Reader[Actuator]:
-    """Return a reader of a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
-    readers = {
-        "joint": one_of("joint", urdf.joints),
-        "gear_ratio": positive,
-        "rotor_inertia": not_negative,
-        "torque_limit": _read_limit,
-        "speed_limit": _read_limit,
-    }
-    return dataclass_of(Actuator, readers)
-
-
-def _closure_reader(urdf: Tree) -> Reader[Closure]:
-    """Return a reader of a closure, stated by kind or by locked axes."""
-    table = {"name": required(text), "frames": required(_pair_reader(urdf))}
-    kind = required(one_of("closure kind", CLOSURE_KINDS))
-    by_kind = {"kind": kind, "axis": optional(one_of("closure axis", tuple("xyz")), "z")}
-    by_length = {"kind": kind, "length": required(positive)}
-
-    def read(where: str, given: Any) -> Closure:
-        """Read a kind with its axis or length, or locked axes."""
-        content = mapping(where, given)
-        if ("kind" in content) == ("axes" in content):  # both or neither
-            raise RobotFileError(f"{where}: needs either kind or axes, and not both")
-        if "axes" in content:
-            values = read_table(where, given, table | {"axes": required(_read_axes)})
-            axes = tuple(sorted(values["axes"], key=AXES.index))
-        else:
-            needs_length = content["kind"] in kinds_with_length()
-            values = read_table(where, given, table | (by_length if needs_length else by_kind))
-            axes = locked_axes(values["kind"], values.get("axis", "z"))
-        return Closure(values["name"], values["frames"], axes, values.get("length"))
-
-    return read
-
-
-def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
-    """Return a reader of two frames of different bodies."""
-
-    def read(where: str, given: Any) -> tuple[str, str]:
-        """Read two frames; refuse frames of one body."""
-        frames = list_of(_frame_reader(urdf))(where, given)
-        if len(frames) != 2 or frames[0] == frames[1]:
-            raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
-        first, second = frames
-        if urdf.body(first) == urdf.body(second):
-            raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body: nothing to close")
-        return first, second
-
-    return read
-
-
-def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
-    """Return a reader of a coupling of two different `movable` joints."""
-    read_joint = one_of("joint", movable)
-    readers = {"joint": read_joint, "of": read_joint, "ratio": number, "offset": number}
-
-    def read(where: str, given: Any) -> Coupling:
-        """Read a coupling; refuse a joint that is coupled with itself."""
-        coupling = dataclass_of(Coupling, readers)(where, given)
-        if coupling.joint == coupling.of:
-            raise RobotFileError(f"{below(where, 'of')}: needs another joint than {coupling.joint!r}")
-        return coupling
-
-    return read
-
-
 # values of JointDynamics, None if not given
 _DYNAMICS_TABLE: Table = {"rest": optional(number)} | dict.fromkeys(
     ("armature", "damping", "friction", "stiffness"), optional(not_negative)
 )
-
-
-def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
-    """Return a reader of joint dynamics by coordinate (one of `names`) or whole joint."""
-    whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in COORDINATE_SUFFIXES]
-
-    def read(where: str, given: Any) -> JointValues:
-        """Read the entries of joints as entries of coordinates.
-
-        An entry under the name of a ball is for its three coordinates; the values of an entry for one of
-        these coordinates override it.
-        """
-        stated = mapping_of(record(_DYNAMICS_TABLE), one_of("joint", [*names, *whole_joints]))(where, given)
-        values: JointValues = {}
-        # whole joints first, so that the entry of a coordinate overrides
-        for name in sorted(stated, key=lambda name: name not in whole_joints):
-            entry = {key: value for key, value in stated[name].items() if value is not None}
-            if name not in urdf.joints and "armature" in entry:
-                key = below(below(where, name), "armature")
-                raise RobotFileError(
-                    f"{key}: a ball has one armature for all directions; give it under the name of the joint"
-                )
-            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
-            for coordinate in coordinates:
-                values.setdefault(coordinate, {}).update(entry)
-        return values
-
-    return read
 
 
 def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
@@ -282,50 +115,192 @@ def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict
     }
 
 
-def _read_motion(where: str, given: Any) -> tuple[str, ...]:
-    """Read the elastic axes of a spring; none for the motion of its joint."""
-    return () if given == "own" else _read_axes(where, given)
+# ------------------------------------------------------------------ the robot on its tree
 
 
-def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint.
+class RobotReader:
+    """Readers of the values that name joints, links and frames of a URDF.
 
-    The former becomes a Spring. The latter becomes its values (joint, stiffness, rest), since it is part of
-    the joint's dynamics. `movable` are the joints of one freedom.
+    Each is called with the place `where` in the file and the value `given` there.
     """
-    virtual = {
-        "name": required(text),
-        "part": required(one_of("part", ("joint", "link"))),
-        "after": required(one_of("joint", urdf.joints)),
-        "motion": optional(_read_motion, ()),
-        "stiffness": required(one_or_list_of(positive)),
-    }
-    on_joint = {
-        "name": optional(text),
-        "joint": required(one_of("joint", movable)),
-        "stiffness": required(positive),
-        "rest": optional(number, 0.0),
-    }
 
-    def read(where: str, given: Any) -> Spring | dict[str, Any]:
+    def __init__(self, urdf: Tree, locked: Iterable[str] = ()) -> None:
+        """Collect the names of the URDF.
+
+        Args:
+            urdf: links and joints, in which locked joints are fixed.
+            locked: names of locked joints, which keys may name all the same.
+        """
+        self.urdf = urdf
+        self.movable = [*urdf.movable, *locked]  # joints of one freedom
+        self.coordinates = [*urdf.coordinates, *locked]
+
+    def table(self, *, is_coupled: bool) -> Table:
+        """Return the keys that describe the robot on its tree.
+
+        `is_coupled` says whether the robot has couplings, and so needs no closures.
+        """
+        closures = (
+            optional(list_of(self.closure), ()) if is_coupled else required(list_of(self.closure, least=1))
+        )
+        return {
+            "platform": required(self.platform),
+            "actuators": required(list_of(self.actuator, least=1)),
+            "closures": closures,
+            "couplings": optional(list_of(self.coupling, least=1), ()),
+            "springs": optional(list_of(self.spring, least=1), ()),
+            "joints": optional(self.joints, {}),
+            "gravity": optional(vector3, (0.0, 0.0, -9.81)),
+            "reference": optional(mapping_of(number, one_of("joint", self.coordinates)), {}),
+            "scenes": optional(self.scenes, {}),
+            "left_out": optional(list_of(text), ()),
+        }
+
+    def added_frame(self, where: str, given: Any) -> dict[str, Any]:
+        """Read a frame to add, with mass [kg] and inertia [kg m^2] if stated.
+
+        An inertia needs a mass beside it. The values are the arguments of `urdf_edits.add_frame`, with `xyz`
+        and `rpy` for the origin.
+        """
+        table = {
+            "name": required(text),
+            "parent": required(one_of("link", self.urdf.links)),
+            "xyz": optional(vector3, (0.0, 0.0, 0.0)),
+            "rpy": optional(vector3, (0.0, 0.0, 0.0)),
+            "mass": optional(positive),
+            "inertia": optional(_read_moments),
+        }
+        values = read_table(where, given, table)
+        if values["inertia"] is not None and values["mass"] is None:
+            raise RobotFileError(f"{where}.inertia: needs a mass beside it")
+        return {key: value for key, value in values.items() if value is not None}
+
+    def frame(self, where: str, given: Any) -> str:
+        """Read a frame, and return its link; a joint means its child."""
+        return self.urdf.link_of(one_of("frame", self.urdf.frames)(where, given))
+
+    def platform(self, where: str, given: Any) -> Platform:
+        """Read a platform: a frame with axes, or joints with or without a frame."""
+        content = mapping(where, given)
+        if "joints" not in content:
+            on_axes = {"frame": required(self.frame), "axes": required(_read_axes)}
+            return Platform(**read_table(where, given, on_axes))
+        if "axes" in content:
+            raise RobotFileError(f"{where}: needs either axes or joints, and not both")
+        of_joints = {
+            "joints": required(distinct("joint", self.urdf.movable)),
+            "frame": optional(self.frame),
+        }
+        values = read_table(where, given, of_joints)
+        frame = values["frame"] or self.urdf.joints[values["joints"][-1]].child
+        return Platform(frame, joints=values["joints"])
+
+    def actuator(self, where: str, given: Any) -> Actuator:
+        """Read a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
+        readers = {
+            "joint": one_of("joint", self.urdf.joints),
+            "gear_ratio": positive,
+            "rotor_inertia": not_negative,
+            "torque_limit": _read_limit,
+            "speed_limit": _read_limit,
+        }
+        return dataclass_of(Actuator, readers)(where, given)
+
+    def closure(self, where: str, given: Any) -> Closure:
+        """Read a closure, stated by a kind with its axis or length, or by locked axes."""
+        content = mapping(where, given)
+        if ("kind" in content) == ("axes" in content):  # both or neither
+            raise RobotFileError(f"{where}: needs either kind or axes, and not both")
+        table = {"name": required(text), "frames": required(self.pair_of_frames)}
+        if "axes" in content:
+            values = read_table(where, given, table | {"axes": required(_read_axes)})
+            axes = tuple(sorted(values["axes"], key=AXES.index))
+        else:
+            table["kind"] = required(one_of("closure kind", CLOSURE_KINDS))
+            if content["kind"] in kinds_with_length():
+                table["length"] = required(positive)
+            else:
+                table["axis"] = optional(one_of("closure axis", tuple("xyz")), "z")
+            values = read_table(where, given, table)
+            axes = locked_axes(values["kind"], values.get("axis", "z"))
+        return Closure(values["name"], values["frames"], axes, values.get("length"))
+
+    def pair_of_frames(self, where: str, given: Any) -> tuple[str, str]:
+        """Read two frames of different bodies."""
+        frames = list_of(self.frame)(where, given)
+        if len(frames) != 2 or frames[0] == frames[1]:
+            raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
+        first, second = frames
+        if self.urdf.body(first) == self.urdf.body(second):
+            raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body: nothing to close")
+        return first, second
+
+    def coupling(self, where: str, given: Any) -> Coupling:
+        """Read a coupling of two different joints."""
+        joint = one_of("joint", self.movable)
+        readers = {"joint": joint, "of": joint, "ratio": number, "offset": number}
+        coupling = dataclass_of(Coupling, readers)(where, given)
+        if coupling.joint == coupling.of:
+            raise RobotFileError(f"{below(where, 'of')}: needs another joint than {coupling.joint!r}")
+        return coupling
+
+    def joints(self, where: str, given: Any) -> JointValues:
+        """Read the entries of joints as entries of coordinates.
+
+        An entry under the name of a ball is for its three coordinates; the values of an entry for one of
+        these coordinates override it.
+        """
+        joints = self.urdf.joints
+        whole_joints = [name for name, joint in joints.items() if joint.kind in COORDINATE_SUFFIXES]
+        read_name = one_of("joint", [*self.coordinates, *whole_joints])
+        stated = mapping_of(record(_DYNAMICS_TABLE), read_name)(where, given)
+        values: JointValues = {}
+        # whole joints first, so that the entry of a coordinate overrides
+        for name in sorted(stated, key=lambda name: name not in whole_joints):
+            entry = {key: value for key, value in stated[name].items() if value is not None}
+            if name not in joints and "armature" in entry:
+                key = below(below(where, name), "armature")
+                raise RobotFileError(
+                    f"{key}: a ball has one armature for all directions; give it under the name of the joint"
+                )
+            coordinates = joints[name].coordinates if name in whole_joints else (name,)
+            for coordinate in coordinates:
+                values.setdefault(coordinate, {}).update(entry)
+        return values
+
+    def spring(self, where: str, given: Any) -> Spring:
         """Read a spring; refuse one without a motion, or without a stiffness for each axis."""
-        if "joint" in mapping(where, given):
-            return read_table(where, given, on_joint)
-        spring = Spring(**read_table(where, given, virtual))
+        table = {
+            "name": required(text),
+            "part": required(one_of("part", ("joint", "link"))),
+            "after": required(one_of("joint", self.urdf.joints)),
+            "motion": optional(_read_motion, ()),
+            "stiffness": required(one_or_list_of(positive)),
+        }
+        spring = Spring(**read_table(where, given, table))
         count = max(len(spring.motion), 1)
         if len(spring.stiffness) != count:
             raise RobotFileError(
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
-        if not spring.motion and spring.after not in movable:
-            kind = urdf.joints[spring.after].kind
+        if not spring.motion and spring.after not in self.movable:
+            kind = self.urdf.joints[spring.after].kind
             raise RobotFileError(
                 f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no motion of "
                 f"its own (valid: {', '.join(AXES)} or a list of them)"
             )
         return spring
 
-    return read
+    def wrenches(self, where: str, given: Any) -> dict[str, Any]:
+        """Read wrenches by frame; return each as written in plan.json."""
+        stated = mapping_of(anything, self.frame)(where, given)
+        return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
+
+    def scenes(self, where: str, given: Any) -> dict[str, Scene]:
+        """Read scenes by name."""
+        table = {**_SCENE_TABLE, "wrenches": optional(self.wrenches)}
+        scenes = mapping_of(record(table, _make_scene))(where, given)
+        return {name: replace(scene, name=name) for name, scene in scenes.items()}
 
 
 # ------------------------------------------------------------------ scenes
@@ -376,7 +351,7 @@ def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, floa
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene from the values of its keys; `_scenes_reader` adds the name."""
+    """Make a scene from the values of its keys; `RobotReader.scenes` adds the name."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")
@@ -384,26 +359,3 @@ def _make_scene(where: str, values: dict[str, Any]) -> Scene:
         raise InvalidInput(f"{where}.duration: leave it out, `optimize: time` finds the least")
     options = {key: value for key, value in values.items() if key not in PATH_KINDS}
     return Scene(name="", kind=kind, points=points, **options)
-
-
-def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of wrenches by frame, as written in robot files."""
-
-    def read(where: str, given: Any) -> dict[str, Any]:
-        """Read each wrench, and return the wrench as written in plan.json."""
-        stated = mapping_of(anything, _frame_reader(urdf))(where, given)
-        return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
-
-    return read
-
-
-def _scenes_reader(urdf: Tree) -> Reader[dict[str, Scene]]:
-    """Return a reader of scenes by name."""
-    scene = {**_SCENE_TABLE, "wrenches": optional(_wrenches_reader(urdf))}
-
-    def read(where: str, given: Any) -> dict[str, Scene]:
-        """Read each scene, and give the scene its name."""
-        scenes = mapping_of(record(scene, _make_scene))(where, given)
-        return {name: replace(scene, name=name) for name, scene in scenes.items()}
-
-    return read

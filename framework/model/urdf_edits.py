@@ -11,20 +11,21 @@ All other modules see one tree.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import check_name
-from framework.model.description import Spring
+from framework.model.description import RobotDescription, Spring
 from framework.model.documents import child_element, read_axis, remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     ENTRIES,
-    JOINT_TYPES,
     MOVING,
     Joint,
     add_endless_limit,
@@ -34,21 +35,11 @@ from framework.numerics.arrays import Array
 
 GROUND = "ground"  # the root link of a robot whose file frees the root
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
-# the children that pinocchio reads, by tag and by type of joint
-_READ_PARTS = {
-    "link": ("inertial",),
-    "inertial": ("origin", "mass", "inertia"),
-    **dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin")),
-    **dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit")),
-}
-# the attributes of these children that hold numbers
-_NUMBERS = {
-    "origin": ("xyz", "rpy"),
-    "mass": ("value",),
-    "inertia": ENTRIES,
-    "axis": ("xyz",),
-    "limit": ("lower", "upper", "effort", "velocity"),
-}
+# the children of joints that pinocchio reads, of all and of moving ones
+_JOINT_PARTS = ("parent", "child", "origin")
+_MOVING_JOINT_PARTS = (*_JOINT_PARTS, "axis", "limit")
+# the attributes of these children, and of those of `<inertial>`, that hold numbers
+_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *ENTRIES}
 
 
 def vector_text(values: Iterable[float]) -> str:
@@ -224,6 +215,44 @@ def free_root(root: Element) -> None:
         limit.set("effort", "0")  # nothing drives these joints
 
 
+# ------------------------------------------------------------------ for levels of fidelity
+
+
+def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
+    """Return the robot with mass in no body, in the payload or in all.
+
+    The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
+    the moving body that carries the platform's frame. A robot without any mass has no joint dynamics either:
+    only its rotors cause forces.
+
+    Args:
+        bodies: that have mass: "none", "payload" or "all".
+    """
+    if bodies == "all":
+        return description
+    root = fromstring(description.urdf_text)
+    with_mass = _payload_links(description, root) if bodies == "payload" else []
+    for link in root.findall("link"):
+        if link.get("name") not in with_mass:
+            remove_children(link, "inertial")
+    return replace(
+        description,
+        urdf_text=tostring(root, encoding="unicode"),
+        joints=description.joints if with_mass else {},
+    )
+
+
+def _payload_links(description: RobotDescription, root: Element) -> list[str]:
+    """Return the names of the links that carry the payload's inertia."""
+    platform = description.platform.frame
+    masses = [link.find("inertial/mass") for link in root.findall("link") if link.get("name") == platform]
+    if any(mass is not None and float(mass.get("value", "0")) > 0 for mass in masses):
+        return [platform]
+    urdf = read_tree(root)
+    body = urdf.body(platform)
+    return [name for name in urdf.links if urdf.body(name) == body]
+
+
 # ------------------------------------------------------------------ for pinocchio
 
 
@@ -233,20 +262,20 @@ def copy_without_shapes(root: Element) -> Element:
     Pinocchio's parser prints errors in visuals and collisions to the console, and parses numbers differently.
     """
     bare = Element("robot", name=root.get("name", ""))
-    bare.extend(_copy_read_parts(element) for element in root if element.tag in ("link", "joint"))
+    for element in root:
+        if element.tag == "link":
+            tags: tuple[str, ...] = ("inertial",)
+        elif element.tag == "joint":
+            tags = _MOVING_JOINT_PARTS if element.get("type") in MOVING else _JOINT_PARTS
+        else:
+            continue
+        copy = SubElement(bare, element.tag, element.attrib)
+        for tag in tags:
+            copy.extend(deepcopy(element.findall(tag)[:1]))  # pinocchio reads the first of a tag
+    for element in bare.iter():
+        for key in _NUMBERS & element.attrib.keys():
+            element.set(key, vector_text(map(float, element.attrib[key].split())))
     return bare
-
-
-def _copy_read_parts(element: Element) -> Element:
-    """Copy an element with the children that pinocchio reads, which are copied likewise."""
-    copy = Element(element.tag, element.attrib)
-    for key in _NUMBERS.get(element.tag, ()):
-        if key in copy.attrib:
-            copy.set(key, vector_text(map(float, copy.attrib[key].split())))
-    kind = element.get("type", "") if element.tag == "joint" else element.tag  # key of _READ_PARTS
-    for tag in _READ_PARTS.get(kind, ()):
-        copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))  # pinocchio reads the first of a tag
-    return copy
 
 
 def make_continuous_joints_revolute(root: Element) -> None:

@@ -10,21 +10,17 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
-MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
-MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
@@ -73,11 +69,9 @@ def tail(series: Array) -> float:
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    At few points, or for many series, a product with all T_k(x) = cos(k arccos x) is faster than Clenshaw's
-    recurrence, which takes `size` steps in Python.
+    The values are products with T_k(x) = cos(k arccos x). For the few points of a plan this is faster than
+    Clenshaw's recurrence, which takes `size` steps in Python.
     """
-    if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
-        return np.asarray(chebyshev.chebval(x, series).T)
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
     return polynomials @ series
 
@@ -90,67 +84,14 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
-    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
-    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
-    double root by its square root.
+    The roots are the eigenvalues of the colleague matrix. Roots that rounding moves off the real axis or
+    beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
+    axis, because rounding splits a double root by its square root.
     """
-    sizes = np.abs(series)
-    is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
-    degree = int(np.flatnonzero(~is_rounding).max(initial=0))
-    if degree == 0 or _constant_dominates(sizes[: degree + 1]):
-        return np.empty(0)
-    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
+    rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
+    roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
-
-
-def _constant_dominates(sizes: Array) -> bool:
-    """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
-
-    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
-    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
-    SAME_PLACE^(1/2) off the real axis.
-    """
-    base = 1.0 + 2.0 * SAME_PLACE**0.25
-    return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
-
-
-def _quadratic_roots(series: Array) -> NDArray[Any]:
-    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
-
-    The larger root is computed without cancellation, the other root from the product of both.
-
-    Args:
-        series: c (3,).
-    """
-    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
-    product = 0.5 * (series[0] / series[2] - 1.0)
-    half_difference = np.sqrt(complex(middle**2 - product))
-    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
-    return np.array([larger, product / larger if larger else 0.0])
-
-
-def _all_roots(series: Array) -> NDArray[Any]:
-    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
-
-    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
-    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
-    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
-    """
-    degree = len(series) - 1
-    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
-    ratios = series[:degree] / series[degree]
-    matrix = _colleague_matrix(degree).copy()
-    matrix[:, 0] -= (ratios * weights)[::-1]
-    return np.linalg.eigvals(matrix)
-
-
-@lru_cache(maxsize=64)
-def _colleague_matrix(degree: int) -> Array:
-    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
-    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,40 +114,24 @@ class TimeFunction(ReadOnlyArrays):
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
-        if len(self.edges) == 2:
-            values = self._evaluate_panel(0, flat, order)
-        else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
-            values = np.empty((flat.size, self.coefficients.shape[2]))
-            for p in np.unique(panel) if values.size else ():
-                inside = panel == p
-                values[inside] = self._evaluate_panel(p, flat[inside], order)
+        panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
+        values = np.empty((flat.size, self.coefficients.shape[2]))
+        for p in np.unique(panel):
+            inside = panel == p
+            values[inside] = self._evaluate_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
         """Compute values (T, k) of the time derivative of `order` at t (T,) on panel p."""
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
-        series = self.coefficients[p]
-        for _ in range(order):
-            series = derivative_matrix(len(series)) @ series / half_width
-        return evaluate(np.minimum(np.maximum(local, -1.0), 1.0), series)
+        series = derivative_matrix(self.coefficients.shape[1], order) @ self.coefficients[p]
+        return evaluate(np.clip(local, -1.0, 1.0), series) / half_width**order
 
     @property
     def tail(self) -> float:
         """Relative size of the last coefficients: the certificate that the function is resolved."""
         return tail(self.coefficients)
-
-
-def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
-    """Evaluate functions of the same panels and size at t (T,); return values (T, k) of each.
-
-    One evaluation of all components takes less time than one for each function.
-    """
-    series = [function.coefficients for function in functions]
-    starts = np.cumsum([part.shape[2] for part in series[:-1]])  # of each function but the first
-    together = TimeFunction(functions[0].edges, np.concatenate(series, axis=2))
-    return np.split(together(t), starts, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,23 +176,16 @@ class TimeGrid(ReadOnlyArrays):
         """Evaluate a function and its first two time derivatives at the nodes, (panels * size, k) each.
 
         The function must have the panels and the size of this grid. Differentiation amplifies the rounding
-        error of each coefficient, which is small if the coefficient is small. `differentiate`, by contrast,
-        amplifies the rounding error of the largest value.
+        error of each coefficient, which is small if the coefficient is small.
         """
-        basis, first, second = basis_values(self.size)
+        basis, first, second = _basis_values(self.size)
         series = function.coefficients
-        return np.concatenate(basis @ series), *self._time_derivatives(first @ series, second @ series)
-
-    def differentiate(self, values: Array) -> tuple[Array, Array]:
-        """Compute first and second time derivatives, (panels * size, k) each, of values at the nodes."""
-        first, second = _differentiation_matrices(self.size)
-        stacked = self._stack_panels(values)
-        return self._time_derivatives(first @ stacked, second @ stacked)
-
-    def _time_derivatives(self, first: Array, second: Array) -> tuple[Array, Array]:
-        """Scale two derivatives (panels, size, k) from [-1, 1] to time, (panels * size, k) each."""
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
-        return np.concatenate(first / half_widths), np.concatenate(second / half_widths**2)
+        return (
+            np.concatenate(basis @ series),
+            np.concatenate(first @ series / half_widths),
+            np.concatenate(second @ series / half_widths**2),
+        )
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
@@ -308,15 +226,8 @@ def derivative_matrix(size: int, order: int = 1) -> Array:
     return read_only(matrix)
 
 
-@lru_cache(maxsize=16)
-def _differentiation_matrices(size: int) -> tuple[Array, Array]:
-    """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
-    _, first, second = basis_values(size)
-    return first @ _transform_matrix(size), second @ _transform_matrix(size)
-
-
 @lru_cache(maxsize=32)
-def basis_values(size: int) -> tuple[Array, Array, Array]:
+def _basis_values(size: int) -> tuple[Array, Array, Array]:
     """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
@@ -324,3 +235,26 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     second = values @ (derivative @ derivative)
     values.setflags(write=False)  # no copy: in another memory order its products differ in the last bit
     return values, read_only(first), read_only(second)
+
+
+def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
+    """Compute the largest |value| (k,) of each component of a function of time.
+
+    Peaks are at panel edges or at extrema of the series. As |T_j| <= 1, the sum of absolute coefficients
+    bounds a series. Extrema are computed only on panels where this bound is above the largest value at nodes.
+
+    Args:
+        function: returns values (T, k) at t (T,) [s].
+        edges: ends of the panels (panels + 1,) [s].
+        size: number of coefficients of the function's series on each panel.
+    """
+    grid = TimeGrid(edges, size)
+    values = function(grid.times)
+    peaks = np.abs(values).max(axis=0)
+    series = grid.fit(values).coefficients  # (panels, size, k)
+    bounds = np.abs(series).sum(axis=1)  # (panels, k)
+    for panel, component in np.argwhere(bounds > peaks):
+        one_series = series[panel, :, component]
+        sizes = np.abs(evaluate(extrema(one_series), one_series))
+        peaks[component] = sizes.max(initial=peaks[component])
+    return peaks

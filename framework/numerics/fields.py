@@ -117,13 +117,14 @@ def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(nam
     return read_named
 
 
-def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """Return a reader of a list of values of one kind."""
+def list_of(read: Reader[T], *, least: int = 0) -> Reader[tuple[T, ...]]:
+    """Return a reader of a list with at least `least` (0 or 1) values of one kind."""
 
     def read_list(where: str, raw: Any) -> tuple[T, ...]:
         """Read each item at its place in the list."""
-        if not isinstance(raw, list | tuple):
-            raise InvalidInput(f"{where}: needs a list, got {short(raw)}")
+        if not isinstance(raw, list | tuple) or len(raw) < least:
+            words = "a list with at least one entry" if least else "a list"
+            raise InvalidInput(f"{where}: needs {words}, got {short(raw)}")
         return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(raw))
 
     return read_list
@@ -152,18 +153,6 @@ def check_distinct(where: str, what: str, names: Sequence[str], valid: Collectio
         check_name(where, what, name, valid)
     if not names or len(set(names)) < len(names):
         raise RobotFileError(f"{where}: needs at least one {what}, and each once, got {list(names)}")
-
-
-def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """Return a reader of a list with at least one entry."""
-
-    def read_entries(where: str, raw: Any) -> tuple[T, ...]:
-        """Read a list; refuse an empty one."""
-        if not isinstance(raw, list) or not raw:
-            raise InvalidInput(f"{where}: needs a list with at least one entry, got {raw!r}")
-        return list_of(read)(where, raw)
-
-    return read_entries
 
 
 # ------------------------------------------------------------------ texts and numbers

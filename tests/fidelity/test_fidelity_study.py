@@ -22,9 +22,9 @@ from framework.cli.fidelity import fidelity_lines
 from framework.fidelity.fidelity_study import _plan_motion
 from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.fidelity.predicted_level import compute_level_motions, options_of_level, robot_at_level
-from framework.model.description import JointDynamics
-from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
+from framework.model.description import LEVELS, LEVELS_BY_NAME, JointDynamics
 from framework.model.robot_file_writer import write_robot_file
+from framework.model.urdf_edits import with_bodies
 from framework.planning.scenes import scene_request
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages

@@ -15,7 +15,7 @@ from framework.fidelity.predicted_level import (
     predict_level,
     scene_level,
 )
-from framework.model.fidelity_levels import LEVELS
+from framework.model.description import LEVELS
 from tests.fidelity.test_fidelity_study import PLANNED
 from tests.robots.every_robot import in_stages
 

@@ -8,8 +8,7 @@ import pytest
 import robots
 from framework import NotConverged, ParallelRobot, plan_scene
 from framework.fidelity.predicted_level import robot_at_level
-from framework.model.description import JointDynamics
-from framework.model.fidelity_levels import LEVELS_BY_NAME
+from framework.model.description import LEVELS_BY_NAME, JointDynamics
 from framework.planning.neglected_effects import ModelOnMotion
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages

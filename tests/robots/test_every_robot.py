@@ -114,13 +114,13 @@ def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
     q_e, dq_e, ddq_e = (1e-3 * np.sin(t + phase + k * np.pi / 2) * np.ones(robot.n_e) for k in range(3))
     closed = closed_with_deflections(robot, x, q_e, branch.close(0.1).q[0])
     motion = motion_at(robot, closed, slope * ds, curve * ds**2 + slope * dds, dq_e, ddq_e)
-    v, a = grid.differentiate(closed.q - closed.q[0])
+    _, v, a = grid.values(grid.fit(closed.q - closed.q[0]))
     # joints are known as loops are closed, the worse the shorter the levers; differentiation adds up the
     # errors of all nodes, twice amplifies them by about size^4 / 10
     levers = np.linalg.pinv(closed.linearised.jacobian[:, :, robot.moving])
     error = np.abs(closed.linearised.residual).max() + np.finfo(float).eps  # and that of looking at it
     known = error * np.abs(levers).sum(axis=2).max()
-    most = np.abs(grid.differentiate(np.eye(48))[0]).sum(axis=1).max()
+    most = np.abs(grid.values(grid.fit(np.eye(48)))[1]).sum(axis=1).max()
     np.testing.assert_allclose(motion.v, v, atol=known * most)
     np.testing.assert_allclose(motion.a, a, atol=1e-7)
 
@@ -157,12 +157,12 @@ def test_motor_power_is_the_rate_of_energy(robot):
     ]
     works = plan.torque(t) * plan.motor_angle(t, 1)  # (T, n_a)
     power = np.sum(works, axis=1) - v**2 @ robot.joint_damping  # what dampers do not take
-    rate = grid.differentiate(np.sum(terms, axis=0)[:, None])[0][:, 0]
+    rate = grid.values(grid.fit(np.sum(terms, axis=0)[:, None]))[1][:, 0]
     energy, shares = np.abs(terms).max(), np.abs(works).sum(axis=1).max()
     assert np.abs(power).max() > 1e-3 * energy / plan.duration
     # differentiation adds up the rounding of energies (measured: 60 eps each at most), and power has what the
     # torques' tail leaves out, 1e-10 of their peak
-    added = np.abs(grid.differentiate(np.eye(len(t)))[0]).sum(axis=1).max()
+    added = np.abs(grid.values(grid.fit(np.eye(len(t))))[1]).sum(axis=1).max()
     allowed = 300 * np.finfo(float).eps * added * energy + 1e-9 * shares
     np.testing.assert_allclose(power, rate, rtol=0, atol=allowed)
 

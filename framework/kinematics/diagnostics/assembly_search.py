@@ -28,7 +28,7 @@ from framework.kinematics.closures import (
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, IntArray, select
 from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
@@ -166,8 +166,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(depends[rows].any(axis=0))
         table = mechanism.rows.take(rows)
-        closures = {name.rpartition(".")[0] for name in table.names}  # names of rows are closure.axis
-        locked = directions.take(np.flatnonzero([closure in closures for closure in directions.closures]))
+        closures = [name.rpartition(".")[0] for name in table.names]  # names of rows are closure.axis
+        locked = select(directions, np.isin(directions.closures, closures))
         groups.append(_Group(mechanism, table, locked, columns, lower[columns], upper[columns]))
     return groups
 

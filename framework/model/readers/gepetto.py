@@ -20,7 +20,7 @@ from framework.errors import RobotFileError, check_name, check_unique, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.numerics.fields import Table, entries, list_of, one_of, optional, read_table, required, text
+from framework.numerics.fields import Table, list_of, one_of, optional, read_table, required, text
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 # closure kinds by the types of pairs
@@ -45,7 +45,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     """
     _replace_joints(tree, **read_table("", content, _TRUE_TYPES, others=KEYS))  # changes the tree's frames
     table = {
-        "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),
+        "closed_loop": required(list_of(list_of(one_of("frame", tree.frames)), least=1)),
         "type": required(list_of(one_of("type", _KIND_OF_TYPE))),
         "name_mot": optional(list_of(one_of("movable joint", tree.movable)), ()),
     }

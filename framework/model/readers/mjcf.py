@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError
-from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import compile_mjcf, member_name
@@ -288,38 +288,16 @@ class _Model:
             problem = "of a spatial tendon, which is not read"
             self.leave_out(f"{where}: {problem}", self.all_joints, is_decisive=True)
             return
-        all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
-        arms = {joint: arm for joint, arm in all_arms.items() if arm}
-        problem = ""
+        arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
+        children = [tree.joints[joint].child for joint in arms]
         if second and polynomial[2:].any():
             coefficients = " ".join(map("{:g}".format, polynomial))
-            coupled = " and ".join(all_arms)
+            coupled = " and ".join(arms)
             problem = f"polycoef {coefficients} couples {coupled}: only linear couplings are read"
-        elif len(arms) > 2:
+            self.leave_out(f"{where}: {problem}", arms, is_decisive=True)
+        elif not tree.equate(name, arms, offset, (children[0], children[-1])):
             problem = f"couples {', '.join(arms)}: only couplings of two joints are read"
-        if problem:
-            self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
-        elif len(arms) == 2:
-            self._couple(name, arms, offset)
-        if len(arms) == 1:  # arm q = offset; also if a problem is reported
-            ((joint, arm),) = arms.items()
-            tree.fix(tree.joints[joint], offset / arm)
-
-    def _couple(self, name: str, arms: Mapping[str, float], offset: float) -> None:
-        """Couple two joints by sum(arm q) = offset, with `arms` by joint.
-
-        Equal angles of parallel hinges become a closure, which all proofs support. Any other equation becomes
-        a coupling.
-        """
-        tree = self.tree
-        (joint, arm), (leader, leader_arm) = arms.items()
-        first = tree.joints[joint]
-        second = tree.joints[leader]
-        is_equal = (offset, arm, leader_arm) == (0.0, 1.0, -1.0)
-        # whether no other joint moves between the links that the two hinges carry
-        are_alone = tree.moving_chains(first.child, second.child) == ([first], [second])
-        if not (is_equal and are_alone and tree.close_turns(name, first.child, second.child)):
-            tree.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
+            self.leave_out(f"{where}: {problem}", arms, is_decisive=True)
 
     # -------------------------------------------------------------- forces
 

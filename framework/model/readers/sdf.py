@@ -327,8 +327,6 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
         """Return whether each reason to cut a loop at a joint holds, the strongest reason first."""
         is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
         return (
-            # the frame that `_constraint_elements` makes: the file itself states a loop equation
-            f"{joint.name}_at_child" in scope.relative,
             joint.kind != "screw",  # which cannot be cut
             not is_coupled,  # couplings need joints of the tree
             not _has_property(joint.element, *_TREE_PROPERTIES),

@@ -12,7 +12,7 @@ URDF+ (Chignoli, Slotine, Wensing, Kim 2024). The axis is the same in both frame
 
 The angle of a link is the sum of the angles of the joints that carry this link and not the other. Three forms
 are read: a coupling that fixes one joint, a coupling of links with equal rotations (ratio 1, all axes
-parallel), and a coupling of two joints, which becomes a `<mimic>`.
+parallel), and a coupling of two joints.
 
 The proposal for ROS (urdfdom pull request 264). Each axis is in its own frame; a type may end in `_joint`:
 
@@ -49,7 +49,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -72,7 +72,6 @@ from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import close_joint
 from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE, WORLD, Scope, add_content
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.urdf_elements import MOVING
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
 from framework.numerics.input import read_text
@@ -182,7 +181,7 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
 
 
 def _read_coupling(tree: UrdfTree, element: Element) -> None:
-    """Read a `<coupling>`: fix a joint, close equal rotations of links, or write a `<mimic>`."""
+    """Read a `<coupling>` of two links and add its loop equation to the tree."""
     name, where = _element_name(element)
     ends = _LOOP_SYNTAX["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
@@ -193,25 +192,15 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
 
+    # the sum of angles of the driven joints is the ratio times that of the drivers
     drivers, driven = tree.moving_chains(first, second)
-    # ratio * (sum of angles of the drivers) = sum of angles of the driven joints; without joints on one side,
-    # or with the ratio 0, the other sum must be zero
-    is_zero = ratio == 0.0 or not (drivers and driven)
-    joints_at_zero = driven if ratio == 0.0 or not drivers else drivers
-    if is_zero and len(joints_at_zero) == 1 and joints_at_zero[0].kind in MOVING:
-        tree.fix(joints_at_zero[0])
-        return
-    if ratio == 1.0 and tree.close_turns(name, first, second):
-        return
-
-    joints = drivers + driven
-    if not len(drivers) == len(driven) == 1 or not all(joint.kind in MOVING for joint in joints):
-        listed = ", ".join(joint.name for joint in joints)
+    arms = {joint.name: 1.0 for joint in driven} | {joint.name: -ratio for joint in drivers}
+    if not tree.equate(name, arms, 0.0, (second, first)):
+        listed = ", ".join(joint.name for joint in (*drivers, *driven))
         raise RobotFileError(
             f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
             f"parallel axes"
         )
-    SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
 
 
 def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:

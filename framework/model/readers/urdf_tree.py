@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -377,28 +376,54 @@ class UrdfTree(Tree):
                 self.joints[hinge.name] = hinge
                 self.parent_joint[hinge.child] = hinge
 
-    def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Add the loop equation `name` that keeps the rotations of two links equal, where possible.
+    def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
+        """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
-        Return whether the equation exists. This requires that all joints between the links are parallel
-        hinges: the rotation of a link is then the sum of the angles. Hinges about opposite axes count as not
-        parallel.
+        An equation that says that two links turn equally becomes a closure, which all proofs support. Any
+        other equation of one joint fixes the joint, and one of two joints becomes a coupling.
 
-        Raises:
-            RobotFileError: see `add_frame`.
+        Args:
+            name: of the equation.
+            arms: factor of each joint's coordinate; zeros have no effect.
+            offset: [rad or m].
+            links: the two links that may turn equally.
         """
-        axes = []
-        for joint in chain(*self.moving_chains(first, second)):
-            if joint.kind in ("prismatic", *COORDINATE_SUFFIXES):
-                return False
-            axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis  # in the base
-            axes.append(axis / np.linalg.norm(axis))
-        if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
+        arms = {joint: arm for joint, arm in arms.items() if arm}
+        only_first, only_second = self.moving_chains(*links)
+        joints = only_first + only_second
+        # arms of the difference between the turns of both links
+        arms_of_turn = {joint.name: 1.0 if joint in only_first else -1.0 for joint in joints}
+        if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
+            self._close_turns(name, links, joints[0])
+            return True
+        if len(arms) not in (1, 2) or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
             return False
-        # a frame of each link, parallel to the base at zero; their turn about the common axis stays zero
-        ends = []
-        for end, link in (("first", first), ("second", second)):
-            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
-            ends.append((end, link, placement(axes_of_base)))
-        self.close(name, ("rz",), ends, axes[:1])
+        (joint, arm), *leaders = arms.items()
+        if not leaders:
+            self.fix(self.joints[joint], offset / arm)
+        for leader, leader_arm in leaders:
+            self.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
         return True
+
+    def _turning_axis(self, joint: Joint) -> Array:
+        """Return the unit axis (3,) of a hinge in the base at zero joint positions."""
+        axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis
+        return axis / np.linalg.norm(axis)
+
+    def _are_parallel_hinges(self, joints: Sequence[Joint]) -> bool:
+        """Return whether joints are hinges about parallel axes, so that turns are sums of their angles.
+
+        Hinges about opposite axes count as not parallel.
+        """
+        if any(joint.kind in ("prismatic", *COORDINATE_SUFFIXES) for joint in joints):
+            return False
+        axes = np.array([self._turning_axis(joint) for joint in joints])
+        return bool(np.linalg.norm(axes - axes[0], axis=1).max() <= FILE_ROUNDING)
+
+    def _close_turns(self, name: str, links: tuple[str, str], hinge: Joint) -> None:
+        """Add the loop equation that keeps the turns of two links about the axis of a hinge equal."""
+        ends = []
+        for suffix, link in zip(("first", "second"), links, strict=True):
+            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link; a frame parallel to the base at zero
+            ends.append((suffix, link, placement(axes_of_base)))
+        self.close(name, ("rz",), ends, [self._turning_axis(hinge)])
