@@ -85,13 +85,13 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
     key_size = len(spec.keys[0].qpos) if spec.keys else 0  # of the file: the compiler changes the size
-    compiled = _compile(spec)
+    compiled, refused = _compile(spec)
     if key_size not in (0, compiled.nq):
         raise RobotFileError(
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {key_size}"
         )
     _apply_flags(mujoco, compiled)
-    return compiled, left_out, unused
+    return compiled, left_out + refused, unused
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
@@ -247,17 +247,47 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
-def _compile(spec: Any) -> Any:
-    """Compile a specification.
+def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
+    """Compile a specification without the meshes that MuJoCo refuses.
 
     Bodies without mass get small stand-ins for the compilation, since MuJoCo refuses them.
+
+    Returns:
+        The compiled model, and the refused meshes as decisive unread elements.
     """
     least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
     spec.compiler.boundmass = max(least_mass, STAND_IN_MASS)
     spec.compiler.boundinertia = max(least_inertia, STAND_IN_INERTIA)
-    compiled = spec.compile()
+    left_out: list[UnreadElement] = []
+    model = None
+    while model is None:
+        try:
+            model = spec.compile()
+        except ValueError as error:
+            left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
     if least_mass < STAND_IN_MASS:
-        compiled.body_mass[compiled.body_mass <= STAND_IN_MASS] = 0.0
+        model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
     if least_inertia < STAND_IN_INERTIA:
-        compiled.body_inertia[compiled.body_inertia <= STAND_IN_INERTIA] = 0.0
-    return compiled
+        model.body_inertia[model.body_inertia <= STAND_IN_INERTIA] = 0.0
+    return model, left_out
+
+
+def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
+    """Delete the geoms with the mesh that an error names, else with any mesh; yield each geom.
+
+    `error` is MuJoCo's, as `_reorder_error` returns it.
+    """
+    geoms = [geom for geom in spec.geoms if geom.meshname]
+    if not geoms:
+        raise RobotFileError(error)
+    line = error.partition(": ")[0]  # the place in the file, which is the `info` of an element
+    named = {geom.meshname for geom in geoms if line in (geom.info, spec.mesh(geom.meshname).info)}
+    for geom in geoms:
+        if geom.meshname in named or not named:
+            body = geom.parent.name
+            text = f"body {body!r}: its inertia is that of a mesh: {error}"
+            yield UnreadElement(text, (body,), is_decisive=True)
+            spec.delete(geom)
+    for mesh in list(spec.meshes):
+        if mesh.name in named or not named:
+            spec.delete(mesh)
