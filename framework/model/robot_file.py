@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, locked_through_couplings
+from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
@@ -72,6 +72,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
 
+    _merge_joint_springs(robot, locked)
     _drop_locked_joints(robot, locked)
 
     description = RobotDescription(
@@ -85,6 +86,26 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
+
+
+def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Move springs of moving URDF joints into the entries of `joints`.
+
+    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
+    """
+    virtual_springs = []
+    for spring in robot["springs"]:
+        if isinstance(spring, Spring):
+            virtual_springs.append(spring)
+            continue
+        joint = spring["joint"]
+        if joint in locked:
+            continue
+        entry = robot["joints"].setdefault(joint, {})
+        if "stiffness" in entry or "rest" in entry:
+            raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
+        entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
+    robot["springs"] = virtual_springs
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:

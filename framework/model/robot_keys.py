@@ -268,16 +268,28 @@ class RobotReader:
                 values.setdefault(coordinate, {}).update(entry)
         return values
 
-    def spring(self, where: str, given: Any) -> Spring:
-        """Read a spring; refuse one without a motion, or without a stiffness for each axis."""
-        table = {
+    def spring(self, where: str, given: Any) -> Spring | dict[str, Any]:
+        """Read a spring: a virtual joint, or a spring that acts along a URDF joint.
+
+        The former becomes a Spring. The latter becomes its values (joint, stiffness, rest), since it is part
+        of the joint's dynamics.
+        """
+        if "joint" in mapping(where, given):
+            on_joint = {
+                "name": optional(text),
+                "joint": required(one_of("joint", self.movable)),
+                "stiffness": required(positive),
+                "rest": optional(number, 0.0),
+            }
+            return read_table(where, given, on_joint)
+        virtual = {
             "name": required(text),
             "part": required(one_of("part", ("joint", "link"))),
             "after": required(one_of("joint", self.urdf.joints)),
             "motion": optional(_read_motion, ()),
             "stiffness": required(one_or_list_of(positive)),
         }
-        spring = Spring(**read_table(where, given, table))
+        spring = Spring(**read_table(where, given, virtual))
         count = max(len(spring.motion), 1)
         if len(spring.stiffness) != count:
             raise RobotFileError(

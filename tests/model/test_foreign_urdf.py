@@ -190,8 +190,8 @@ def test_a_locked_joint_is_known_to_all_that_names_it(write_robot):
         write_robot(
             ("locked", {"right_elbow": 0.5}),
             ("reference", {"left_motor": 1.27, "right_elbow": 1.5, "left_elbow": 0.1}),
-            ("joints", {"right_elbow": {"damping": 1.0, "stiffness": 3.0}, "left_motor": {"damping": 2.0}}),
-            ("springs", REMOVED),
+            ("joints", {"right_elbow": {"damping": 1.0}, "left_motor": {"damping": 2.0}}),
+            ("springs", [{"joint": "right_elbow", "stiffness": 3.0}]),
             ("couplings", [{"joint": "left_elbow", "of": "right_elbow", "ratio": -2, "offset": 0.1}]),
         )
     )

@@ -172,11 +172,7 @@ MALFORMED = [
     ("springs.0.name", "", ["springs[0].name", "needs a text"]),
     ("springs", [SOFT, {**ROD, "name": "soft_x"}], ["springs", "'soft_x'", "duplicate"]),
     ("springs.0.motion", 5, ["springs[0].motion[0]", "unknown axis 5", "rx, ry, rz, x, y, z"]),
-    (
-        "springs.0",
-        {"name": "s", "joint": "left_elbow", "stiffness": 1, "part": "link"},
-        ["springs[0].after", "missing"],
-    ),
+    ("springs.0", {"name": "s", "joint": "left_elbow", "stiffness": 1, "part": "link"}, ["springs[0].part"]),
     ("frames", None, ["frames", "at least one entry", "None"]),
     (
         "frames",
