@@ -35,9 +35,8 @@ from framework.numerics.arrays import Array
 from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, stack_states
-from framework.simulation.robot_stack import RobotStack
 from framework.simulation.step_size_control import collocate
-from framework.simulation.stepper import Stepper
+from framework.simulation.stepper import RobotStack, Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
 from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
