@@ -36,7 +36,7 @@ from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, stack_states
 from framework.simulation.step_size_control import collocate
-from framework.simulation.stepper import RobotStack, Stepper
+from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
 from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
@@ -174,7 +174,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     the work of constant forces along the step.
     """
     drive, robot = task.drive, task.equations.robot
-    stepper = Stepper.from_stack(RobotStack.from_equations(task.equations))
+    stepper = Stepper.from_equations(task.equations)
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
