@@ -52,9 +52,6 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
-# sigma of H + sigma S in `least_ratios`, over tr H / tr S; an indefinite H under load needs a larger one
-SHIFTS = (1.0, 1e3, 1e6)
-MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, over the largest one
 
 
 class CompliantMotions(NamedTuple):
@@ -102,29 +99,27 @@ def least_ratios(H: Array, S: Array) -> Array:
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
     L^-1 S L'^-1. This inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have
-    no mass. The shift sigma is a multiple of tr H / tr S, so that it does not depend on units.
+    no mass. The shift sigma is tr H / tr S, so that it does not depend on units.
 
     Args:
-        H, S: symmetric matrices (T, d, d).
+        H, S: symmetric matrices (T, d, d); H is positive semidefinite unless the robot buckles.
 
     Returns:
-        The ratio; NaN if there is no least one.
+        The ratio; NaN if there is no least one, or where the robot buckles so far that H + sigma S is
+        indefinite.
     """
     least = np.full(len(H), np.nan)
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
     trace_S = np.trace(S, axis1=1, axis2=2)
-    for factor in SHIFTS:  # until H + sigma S is positive definite
-        unsolved = np.flatnonzero(np.isnan(least) & (trace_S > 0))
-        if not len(unsolved):
-            break
-        sigma = factor * trace_H[unsolved] / trace_S[unsolved]
-        shifted = H[unsolved] + sigma[:, None, None] * S[unsolved]
-        is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        rows = unsolved[is_definite]  # the problems of this shift
-        inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
-        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
-        mu = np.linalg.eigvalsh(relative)[:, -1]
-        least[rows] = 1.0 / mu - sigma[is_definite]
+    rows = np.flatnonzero(trace_S > 0)
+    sigma = trace_H[rows] / trace_S[rows]
+    shifted = H[rows] + sigma[:, None, None] * S[rows]
+    is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
+    rows, sigma = rows[is_definite], sigma[is_definite]
+    inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
+    relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
+    mu = np.linalg.eigvalsh(relative)[:, -1]
+    least[rows] = 1.0 / mu - sigma
     return least
 
 
@@ -250,7 +245,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
             break
         values, vectors = np.linalg.eigh(residuals.H[0])
         sizes = np.abs(values)  # so that steps lead downhill, also where the robot buckles
-        stiffness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        stiffness = np.maximum(sizes, EIGENVALUE_ROUNDING * sizes.max())
         # (d,) steps along the motions that keep the loops closed
         uphill = vectors @ (vectors.T @ residuals.energy_slope[0] / stiffness)
         step = residuals.closing_step[0] - residuals.null_space[0] @ uphill
