@@ -30,7 +30,6 @@ and motors reach their torque limit at every speed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.numerics.polytope import Polytope, slabs, zonotope
+from framework.numerics.polytope import Polytope, sign_combinations, slabs, zonotope
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
@@ -94,8 +93,7 @@ class PlatformWrench(NamedTuple):
 
         The convex hull of these wrenches is the set that the motors can exert.
         """
-        signs = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit))))  # (2^n_a, n_a)
-        return (signs * torque_limit) @ self.motor_speed
+        return (sign_combinations(len(torque_limit)) * torque_limit) @ self.motor_speed
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
