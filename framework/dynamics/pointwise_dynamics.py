@@ -68,10 +68,10 @@ from framework.kinematics.motion_rates import Motion, coordinate_changes, motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import TimeGrid
+from framework.singularity.piecewise_measure import PANEL_NODES
 from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-PANEL_NODES = 24  # an even number, so that no node is in the middle
 MAX_JOINT_TRAVEL = 0.02  # [rad, robot lengths] from the middle of the panel to either end
 
 
@@ -225,6 +225,7 @@ def _forces_through_singularity(
             "the motion stands still on a Type 2 singularity: no law can rest on the locus"
         )
     half_panel = motion.choose_half_panel()
+    # an even number of nodes, so that none is in the middle, at the singularity
     grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
     beside = motion.evaluate(grid.times)
     motion.check_crossing(beside)

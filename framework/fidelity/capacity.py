@@ -170,7 +170,7 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bracket the largest planned multiple until it and the least failed one differ by BRACKET_RATIO.
+    """Bracket the largest planned multiple within BRACKET_RATIO.
 
     From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket is
     bisected at geometric means. A capacity's `end` is the least multiple tried so far that has no plan.

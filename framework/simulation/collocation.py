@@ -42,11 +42,11 @@ from numpy.polynomial import legendre
 from framework.kinematics.closures import loop_curvature
 from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
+from framework.simulation.consistent_states import MAX_ITERATIONS
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, Tangent
 from framework.tolerances import NEWTON_STEP
 
-MAX_ITERATIONS = 12  # of Newton's method, and for the rate of the tangent offset of balls
 REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate, or of its motion in a step, that is rounding
 
