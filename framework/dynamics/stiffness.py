@@ -38,7 +38,7 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at, scaled_loops
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matmul
@@ -138,8 +138,6 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 
 def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
-
-    For motors that turn freely see `free_motor_frequency`.
 
     Args:
         free: the motions that springs and loops allow, with their stiffness and mass.
@@ -326,25 +324,3 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T
-
-
-def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the first natural frequency (T,) [Hz] with free motors at assembled q (T, nq).
-
-    The frequencies solve Z'KZ z = omega^2 Z'MZ z, where Z spans the motions that the loops allow, M includes
-    the rotors, and K has the springs that make the robot flexible. Rigid motions, for which omega = 0, are
-    left out. A motion without mass has an infinite frequency. Without springs the result is infinite.
-    """
-    _Q, _R, null = factor_transposed(scaled_loops(robot, linearised_at(robot, q, None)))
-    Z = robot.column_scale[:, None] * null  # (T, nv, d)
-    Z_rows = Z.swapaxes(1, 2)
-    springs = matmul(Z_rows[..., robot.elastic] * robot.stiffness, Z[:, robot.elastic])
-    mass = matmul(Z_rows, matmul(mass_matrices(robot, q) + np.diag(robot.rotors), Z))
-
-    frequency = np.full(len(q), np.inf)
-    for k in range(len(q)):
-        squares, _shapes = _vibrations(springs[k], mass[k])
-        vibrations = squares[squares > 0.0]  # ascending, without rigid motions
-        if len(vibrations):
-            frequency[k] = np.sqrt(vibrations[0]) / (2.0 * np.pi)
-    return frequency
