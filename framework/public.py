@@ -5,11 +5,10 @@ They stand in a file of their own so that `import framework` takes no time until
 
 from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
-from framework.dynamics.dynamics_derivatives import dynamics_derivatives
 from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.dynamics.platform_limits import platform_limits
-from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework.dynamics.platform_wrench import platform_limits
+from framework.dynamics.pointwise_dynamics import dynamics_at, dynamics_derivatives
 from framework.dynamics.result import InverseDynamics
 from framework.errors import (
     FrameworkError,

@@ -81,7 +81,6 @@ QUESTIONS = {
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.loading": {"LOAD_WORDS", "LoadReason"},
     "framework.dynamics.motor_limits": {"motor_limits"},
-    "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.instant": {"Instant"},
     "framework.dynamics.pointwise_dynamics": None,

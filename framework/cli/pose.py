@@ -18,7 +18,7 @@ from framework.cli.parser import (
     add_robot,
     add_wrenches,
 )
-from framework.dynamics.platform_limits import platform_limits
+from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics

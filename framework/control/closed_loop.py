@@ -421,7 +421,7 @@ class _VariedRobots(NamedTuple):
         if self.world.acts:
             middle_time = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))  # (R,)
             q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)
-            models = [robot.model for robot in self.stepper.stack.robots]
+            models = [equations.robot.model for equations in self.stepper.equations]
             world = self.world(ref.robot, middle_time, q_middle, models)
         speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
         friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed

@@ -15,15 +15,15 @@ Torques along a path, with a certificate
     finite_differences      raw samples without a certificate
 
 One instant
-    pointwise_dynamics      torques of a prescribed motion, also on the locus
+    pointwise_dynamics      torques of a prescribed motion, also on the locus, and their derivatives by motion
+                            and, on `body_parameters`, by inertial parameters
     forward_dynamics        accelerations under given torques, and their derivatives
     instant                 the record of both: loads of loops and joints, inertia
-    dynamics_derivatives    derivatives of torques; by inertial parameters on `body_parameters`
     tangent_stiffness       stiffness and balance with locked motors
 
 The platform
-    platform_wrench         W_p, t_s and g; the wrenches of the motors, and the lines along which they act
-    platform_limits         admissible wrenches and speeds at one pose
+    platform_wrench         W_p, t_s and g; the wrenches of the motors, the lines along which they act, and
+                            the admissible wrenches and speeds at one pose
     open_loop               growth of errors without feedback
     motor_limits, motor_friction
 

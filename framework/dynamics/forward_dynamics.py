@@ -17,7 +17,6 @@ inertia, which is regular at a Type 2 singularity.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -89,7 +88,7 @@ def forward_dynamics(
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
     unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
-    solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
+    solution = accelerations(_equations_of(robot), closed.q, rates, torques, applied)
     motion = replace(unaccelerated, a=solution.a)
 
     # forces on the joints: motors less their rotors, and springs
@@ -104,13 +103,9 @@ def forward_dynamics(
     return replace(instant, torque=torques[entry], a=acceleration[entry])
 
 
-@lru_cache(maxsize=16)  # megabytes each
-def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of motion of a robot, with working memory for one thread.
-
-    Args:
-        thread: identifier of the calling thread, a key of the cache alone.
-    """
+@lru_cache(maxsize=16)
+def _equations_of(robot: ParallelRobot) -> EquationsOfMotion:
+    """Return the equations of motion of a robot."""
     return EquationsOfMotion.of(robot)
 
 

@@ -73,10 +73,9 @@ from framework.tolerances import (
 )
 
 GEOMETRIES = ("rigid", "deformed")
-SIZES = (64, 128, 256, 512)  # numbers of nodes per panel, tried in turn
-FEWEST_NODES = 20  # per panel, tried before SIZES if the law has panels of its own
+# numbers of nodes per panel, tried in turn; the first one is for laws that have panels of their own
+SIZES = (20, 64, 128, 256, 512)
 MAX_USABLE_CHANGE = 1e-2  # relative, of the deflections by one more pass; above, they are discarded
-STALLED_RATIO = 0.5  # ratio of this change on two successive grids, above which finer grids do not help
 
 
 def inverse_dynamics(
@@ -221,7 +220,7 @@ def resolve(
         crossings=crossings,
     )
     unseen: NearMiss | None = None  # near miss that the last grid did not resolve
-    sizes = (FEWEST_NODES, *SIZES) if len(edges_of(law)) else SIZES
+    sizes = SIZES if len(edges_of(law)) else SIZES[1:]
     for size in sizes:
         # motion and forces on the grid; without usable deflections there is no result
         solution = refinement.solve(size)
@@ -287,12 +286,12 @@ class _Refinement:
         """Whether finer grids will not reduce the change of the deflections to the tolerance.
 
         With known deflections no grid changes them. Otherwise the change has stalled if neither of the last
-        two grids has reduced it by the factor STALLED_RATIO.
+        two grids has halved it.
         """
         changes = [certificate.change for certificate in self.certificates]
         if changes[-1] <= self.tolerance:
             return False
-        has_stalled = len(changes) > 2 and min(changes[-2:]) > STALLED_RATIO * changes[-3]
+        has_stalled = len(changes) > 2 and 2.0 * min(changes[-2:]) > changes[-3]
         return self.known is not None or has_stalled
 
     def solve(self, size: int) -> DeflectionSolution:

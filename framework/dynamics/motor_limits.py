@@ -37,7 +37,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     else:
         values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
     try:
-        numbers = _unlimited_where_none(values)
+        numbers = np.array([np.inf if limit is None else limit for limit in values], dtype=float)
     except (TypeError, ValueError):
         numbers = np.empty(0)  # refused by its shape
     has_bool = any(isinstance(value, bool) for value in values)
@@ -65,8 +65,3 @@ def shortest_form(limits: Array) -> tuple[float | None, ...]:
     """
     values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())
     return values[:1] if len(set(values)) == 1 else values
-
-
-def _unlimited_where_none(limits: Sequence[float | None]) -> Array:
-    """Convert limits to an array, None to infinity."""
-    return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)

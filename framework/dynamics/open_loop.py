@@ -22,7 +22,6 @@ from framework.kinematics.motion_rates import coordinate_changes
 from framework.numerics.arrays import Array
 
 GROWTH_INSTANTS = 65  # instants at which the growth rate is integrated over the motion
-MAX_HALF_EXPONENT = 150.0  # largest L / 2 of `open_loop_growth`, whose square of sinh does not overflow
 
 
 class MotorControl(NamedTuple):
@@ -88,7 +87,7 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     robot = result.robot
     x, dx, ddx = (result.platform(times, order) for order in range(3))
     motion = result.motion(times)
-    joint_torque = robot.gear_ratio * result.torque_without_friction(times)
+    joint_torque = robot.gear_ratio * result.torques(times)
     joint_torque -= (robot.rotors * motion.a)[:, robot.actuated]
     changes = coordinate_changes(robot, motion, robot.structure.idle, (x, dx, ddx))
     force_change = driven_force_changes(robot, motion, joint_torque, changes)  # (3, T, k, nv)
@@ -166,9 +165,10 @@ def open_loop_growth(exponent: float) -> float:
 
     The error d" = r^2 d + f grows as d = f (cosh rt - 1) / r^2, and that of a free mass as d = f t^2 / 2.
     With the exponent L = rt of `fall_exponent` their ratio is 2 (cosh L - 1) / L^2 = (sinh(L/2) / (L/2))^2.
-    It is 1 if no error grows.
+    It is 1 if no error grows, and infinite where it overflows.
     """
     half = 0.5 * exponent
     if half <= 0.0:
         return 1.0
-    return float((np.sinh(min(half, MAX_HALF_EXPONENT)) / half) ** 2)
+    with np.errstate(over="ignore"):
+        return float((np.sinh(half) / half) ** 2)

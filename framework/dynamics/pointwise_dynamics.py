@@ -1,4 +1,4 @@
-"""Motor torques of one instant for a prescribed motion, also on a Type 2 singularity.
+"""Motor torques of one instant for a prescribed motion, also on a Type 2 singularity, and their derivatives.
 
 The pose, rates and accelerations of the platform, and external wrenches are prescribed. Motor torques follow
 from the independent loop equations (`forces`). Their record is `instant.Instant`.
@@ -12,16 +12,38 @@ on the jerk of the platform, but on no higher derivative. Hence the motion
 
 is followed on one short Chebyshev panel around the instant, which is no node. The value of the series of tau
 at this instant is the limit, and the decay of the coefficients is the certificate.
+
+Derivatives vary the motion and keep the loops closed. T = dq/dx' are the joint rates for unit rates of the
+platform's coordinates x. G = n T_a are the motors' speeds for these rates, with the gear ratio n. r are the
+forces of the open tree, J is the Jacobian of the loop equations and lambda are the loop forces (`forces`).
+The motor torques t solve G' t = T' (r + rotors), and their changes solve
+
+    G' dt = T' d(r + rotors - J' lambda)          at fixed lambda.
+
+The right side needs the change of the forces (`forces.driven_force_changes`) along the change of the joints'
+motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors the part of t that drives
+bodies is the solution of least norm, t = G k with k (n,), and dt = dG k + G dk.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import Forces, balanced_forces, tree_forces
+from framework.dynamics.body_parameters import body_parameters, tree_regressor
+from framework.dynamics.forces import (
+    Forces,
+    balanced_forces,
+    driven_force_changes,
+    joint_forces,
+    least_motor_torques,
+    motor_torque,
+    tree_forces,
+)
 from framework.dynamics.instant import (
     Instant,
     Wrenches,
@@ -32,7 +54,7 @@ from framework.dynamics.instant import (
     stack_wrenches,
 )
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.errors import NotAssembled, SingularPose
+from framework.errors import SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import (
@@ -42,19 +64,15 @@ from framework.kinematics.linearised_loops import (
     find_near_type2,
     type2_matrix,
 )
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
-from framework.singularity.bordered_system import root_of_g
-from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.numerics.chebyshev import TimeGrid
+from framework.singularity.piecewise_measure import PANEL_NODES
+from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
-PANEL_NODES = 24  # an even number, so that no node is in the middle
-MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
-MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
-SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
+MAX_JOINT_TRAVEL = 0.02  # [rad, robot lengths] from the middle of the panel to either end
 
 
 def dynamics_at(
@@ -195,7 +213,7 @@ def _forces_through_singularity(
             the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
     dx, ddx, _ = rates
-    singular = motion_at(robot, closed, dx[None], ddx[None])
+    singular = apply_wrenches(robot, motion_at(robot, closed, dx[None], ddx[None]), wrenches)
     motion = _TaylorMotion(robot, closed.x, singular, rates, wrenches)
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
@@ -207,8 +225,12 @@ def _forces_through_singularity(
             "the motion stands still on a Type 2 singularity: no law can rest on the locus"
         )
     half_panel = motion.choose_half_panel()
-    motion.check_condition(motion.find_crossing(half_panel))
-    return motion.interpolate_forces(half_panel)
+    # an even number of nodes, so that none is in the middle, at the singularity
+    grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
+    beside = motion.evaluate(grid.times)
+    motion.check_crossing(beside)
+    motion.check_condition(uncontrolled)
+    return motion.interpolate_forces(grid, beside)
 
 
 class _TaylorMotion(NamedTuple):
@@ -247,10 +269,6 @@ class _TaylorMotion(NamedTuple):
         closed = close_loops(self.robot, self.x + displacement, guess)
         return apply_wrenches(self.robot, motion_at(self.robot, closed, dx, ddx), self.wrenches)
 
-    def type2_matrices(self, times: Array) -> Array:
-        """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
-        return type2_matrix(self.robot, self.evaluate(times).linearised)
-
     def choose_half_panel(self) -> float:
         """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
 
@@ -266,43 +284,37 @@ class _TaylorMotion(NamedTuple):
         with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
             return float(np.min((factorials * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
 
-    def find_crossing(self, half_panel: float) -> float:
-        """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
+    def check_crossing(self, beside: Motion) -> None:
+        """Raise SingularPose unless the motion passes from one side of the locus to the other.
+
+        With redundant motors g has a double root at the locus, without a change of sign, and is not checked.
 
         Args:
-            half_panel: half the width [s] of the panel on which the instant is sought.
-
-        Raises:
-            SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+            beside: the motion at ascending instants, from before to after t = 0.
         """
-        if self.robot.n_a > self.robot.n:
-            return 0.0  # with redundant motors g has a double root, without a change of sign
-        root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
-        both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
-        signs, _log_sizes = np.linalg.slogdet(both_sides)  # the determinant is a measure g, up to a factor
-        changes_sign = np.prod(signs) < 0
-        is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
-        is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
-        if is_at_root and changes_sign and is_regular:
-            return root.place
-        raise self.make_error(
-            "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
-            "limit that needs more than the jerk; plan the motion"
-        )
+        robot = self.robot
+        if robot.n_a > robot.n:
+            return
+        both_ends = type2_matrix(robot, beside.linearised)[[0, -1]]
+        signs, _log_sizes = np.linalg.slogdet(both_ends)  # the determinant is a measure g, up to a factor
+        is_regular = np.linalg.svd(both_ends, compute_uv=False).min() > RANK_LOST
+        if np.prod(signs) > 0 or not is_regular:
+            raise self.make_error(
+                "the motion does not cross the Type 2 singularity but runs along or touches it: torque is "
+                "then a limit that needs more than the jerk; plan the motion"
+            )
 
-    def check_condition(self, instant: float) -> None:
-        """Raise SingularPose if the motion violates condition (8) at an instant [s].
+    def check_condition(self, uncontrolled: Uncontrolled) -> None:
+        """Raise SingularPose if the motion violates condition (8) at t = 0.
 
         With the inertia of all bodies, condition (8), t_s . W_p = 0, reads eta . r = 0. eta are the joint
         rates of the uncontrolled motion, whose platform twist t_s has unit size, and r the forces of the open
         tree. eta . r is therefore a force, or a moment if the platform only turns.
         """
         robot = self.robot
-        motion = self.evaluate(np.array([instant]))
-        uncontrolled = uncontrolled_motion(robot, motion.linearised)
-        (r,) = tree_forces(robot, motion)  # of the one instant
+        (r,) = tree_forces(robot, self.singular)  # of the one instant
         terms = r * uncontrolled.motion  # (nv,), whose sum is eta . r
-        rate = np.abs(motion.v / robot.column_scale).max()
+        rate = np.abs(self.singular.v / robot.column_scale).max()
         escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
         # if all terms are rounding, their scale is the centripetal force of the robot's mass at its length
         centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
@@ -316,29 +328,134 @@ class _TaylorMotion(NamedTuple):
                 wrench,
             )
 
-    def interpolate_forces(self, half_panel: float) -> Forces:
+    def interpolate_forces(self, grid: TimeGrid, beside: Motion) -> Forces:
         """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
 
-        The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
+        Args:
+            grid: nodes on both sides of t = 0, none of them at t = 0.
+            beside: the motion at these nodes.
 
         Raises:
-            SingularPose: the series is not resolved.
+            SingularPose: the series of the forces is not resolved.
         """
         robot = self.robot
-        least_tail = np.inf
-        for halvings in range(MAX_HALVINGS):
-            edges = np.array([-half_panel, half_panel]) / 2**halvings
-            try:
-                motion = self.evaluate(TimeGrid(edges, PANEL_NODES).times)
-            except NotAssembled:
-                continue  # a shorter motion may stay within reach
-            forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
-            series = coefficients(np.concatenate(forces, axis=1))
-            least_tail = min(least_tail, tail(series))
-            if tail(series) <= TORQUE_TAIL:
-                value = evaluate(np.zeros(1), series)  # in the middle of the panel
-                return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
-        raise self.make_error(
-            f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "
-            f"singularity is very near"
+        forces = balanced_forces(robot, beside.linearised, tree_forces(robot, beside))
+        function = grid.fit(np.concatenate(forces, axis=1))
+        if function.tail > TORQUE_TAIL:
+            raise self.make_error(
+                f"the torques near the Type 2 singularity are not resolved (tail {function.tail:.2g}): "
+                f"another singularity is very near"
+            )
+        value = function(np.zeros(1))
+        return Forces(joint_torque=value[:, : robot.n_a], spring_force=value[:, robot.n_a :])
+
+
+# ------------------------------------------------------------------ derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicsDerivatives(ReadOnlyArrays):
+    """Motor torques at one instant and their derivatives; at T instants, T is the first axis of all arrays.
+
+    Torques are on the motor side, with rotors, armature, and damping and springs of joints. Each derivative
+    varies one of the platform's coordinates x, their rates and their accelerations, and keeps the others.
+    """
+
+    torque: Array  # (n_a,) [N m, N] as `dynamics_at` gives it
+    torque_x: Array  # (n_a, n) per m, rad
+    torque_dx: Array  # (n_a, n) per m/s, rad/s
+    torque_ddx: Array  # (n_a, n) per m/s2, rad/s2
+    _robot: ParallelRobot = field(repr=False)
+    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of the p inertial parameters of all bodies, such as LINK.mass."""
+        return body_parameters(self._robot)[0]
+
+    @cached_property
+    def regressor(self) -> Array:
+        """The derivatives (n_a, p) of the torques by the parameters, computed on first use."""
+        G, rates = motor_speeds(self._robot, self._motion.linearised)
+        # (T, n, p) wrenches on the platform for unit parameters, (dq/dv)' Y
+        wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
+        stack = least_motor_torques(self._robot, G.swapaxes(1, 2), wrenches)
+        return read_only(stack if self.torque.ndim == 2 else stack[0])
+
+
+def dynamics_derivatives(
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    dx: ArrayLike | None = None,
+    ddx: ArrayLike | None = None,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+) -> DynamicsDerivatives:
+    """Compute the derivatives of the torques of `dynamics_at` at an assembled configuration q (nq,).
+
+    When x varies, all joints follow with closed loops. An elastic robot keeps the deflections of q, as in
+    `dynamics_at`. External wrenches keep their components on base axes and move with their frames.
+
+    Args:
+        q: assembled configuration, as returned by `assemble`; or a stack of T instants (T, nq).
+        dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+
+    Raises:
+        InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
+        SingularPose: the pose is singular of Type 2, where torques and their derivatives have a pole;
+            `forward_derivatives` is regular there.
+    """
+    prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
+    require_turns_at_rest(robot)
+    motion = prescribed.motion
+    require_hold(robot, motion.linearised, prescribed.x)
+    rate, acceleration, _ = prescribed.rates
+    changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, rate, acceleration))
+    motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
+    speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
+    joint_torque = joint_forces(robot, motion).joint_torque
+
+    # slopes (3, T, n_a, k) of the torques by x, dx and ddx: those of the rotors and, if redundant, dG k
+    accelerations = changes.accelerations[..., robot.actuated]
+    slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
+    if robot.n_a > robot.n:
+        slopes[0, ..., : robot.n] += _redundant_torque_changes(
+            robot, motion, prescribed.x, speeds, joint_torque
         )
+    # the motors balance the other part of the wrench T' d(r + rotors - J' lambda) on the platform
+    force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
+    slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
+
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+    return DynamicsDerivatives(
+        torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
+        torque_x=slopes[0],
+        torque_dx=slopes[1],
+        torque_ddx=slopes[2],
+        _robot=robot,
+        _motion=motion,
+    )
+
+
+def _redundant_torque_changes(
+    robot: ParallelRobot, motion: Motion, x: Array, speeds: Array, joint_torque: Array
+) -> Array:
+    """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n), at constant k.
+
+    The torques t = G k of least norm are computed like the motors' speeds at the rates k of x. So dG k is the
+    change of these speeds at constant rates.
+
+    Args:
+        motion: the motion at the T instants, of which only the positions count.
+        x: platform coordinates.
+        speeds: G' (T, n, n_a).
+        joint_torque: torques (T, n_a) on the joint side, without those of the rotors.
+    """
+    torque = joint_torque / robot.gear_ratio
+    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]
+    at_rest = np.zeros_like(k)
+    motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, at_rest)
+    changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, at_rest))
+    return (robot.gear_ratio * changes.v[:, : robot.n, robot.actuated]).swapaxes(1, 2)

@@ -125,10 +125,6 @@ class InverseDynamics(ReadOnlyArrays):
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
 
-    def torque_without_friction(self, t: ArrayLike) -> Array:
-        """Evaluate the smooth part of `torque`, which drives a robot without dry friction."""
-        return self.torques(t)
-
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor angles [rad] (gear ratio times joint angle) or derivatives of an order, (T, n_a).
 

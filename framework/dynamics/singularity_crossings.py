@@ -25,7 +25,7 @@ from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrol
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
-MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # limit of steps to a root of the law; residual in s to stop at
+NEWTON_STEPS = 3  # to a root of the law, from the root of its series
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
 MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels; with more, 512 nodes are slow or not enough
 EDGE_CLEARANCE = 0.1  # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
@@ -76,16 +76,13 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted = series.copy()
         shifted[0] -= s  # the series of law(t) - s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
-        residual = np.asarray(law(t)) - s
-        for _ in range(MAX_NEWTON_STEPS if len(t) else 0):
-            slope = np.asarray(law(t, 1))
+        for _ in range(NEWTON_STEPS if len(t) else 0):
+            residual, slope = np.asarray(law(t)) - s, np.asarray(law(t, 1))
             # no step where the law stands still
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)
-            residual = np.asarray(law(t)) - s
-            if np.abs(residual).max() < NEWTON_RESIDUAL:
-                break
-        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # an extremum close to s is no root
+        is_root = np.abs(np.asarray(law(t)) - s) < LAW_ROOT_ROUNDING  # an extremum close to s is none
+        roots.append(t[is_root])
     times = np.sort(np.concatenate(roots))
     # a root at an edge is found on both panels
     is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])

@@ -38,7 +38,7 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at, scaled_loops
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matmul
@@ -52,9 +52,6 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
-# sigma of H + sigma S in `least_ratios`, over tr H / tr S; an indefinite H under load needs a larger one
-SHIFTS = (1.0, 1e3, 1e6)
-MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of the eigenvalues in a Newton step, over the largest one
 
 
 class CompliantMotions(NamedTuple):
@@ -102,29 +99,27 @@ def least_ratios(H: Array, S: Array) -> Array:
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
     L^-1 S L'^-1. This inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have
-    no mass. The shift sigma is a multiple of tr H / tr S, so that it does not depend on units.
+    no mass. The shift sigma is tr H / tr S, so that it does not depend on units.
 
     Args:
-        H, S: symmetric matrices (T, d, d).
+        H, S: symmetric matrices (T, d, d); H is positive semidefinite unless the robot buckles.
 
     Returns:
-        The ratio; NaN if there is no least one.
+        The ratio; NaN if there is no least one, or where the robot buckles so far that H + sigma S is
+        indefinite.
     """
     least = np.full(len(H), np.nan)
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
     trace_S = np.trace(S, axis1=1, axis2=2)
-    for factor in SHIFTS:  # until H + sigma S is positive definite
-        unsolved = np.flatnonzero(np.isnan(least) & (trace_S > 0))
-        if not len(unsolved):
-            break
-        sigma = factor * trace_H[unsolved] / trace_S[unsolved]
-        shifted = H[unsolved] + sigma[:, None, None] * S[unsolved]
-        is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        rows = unsolved[is_definite]  # the problems of this shift
-        inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
-        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
-        mu = np.linalg.eigvalsh(relative)[:, -1]
-        least[rows] = 1.0 / mu - sigma[is_definite]
+    rows = np.flatnonzero(trace_S > 0)
+    sigma = trace_H[rows] / trace_S[rows]
+    shifted = H[rows] + sigma[:, None, None] * S[rows]
+    is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
+    rows, sigma = rows[is_definite], sigma[is_definite]
+    inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
+    relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
+    mu = np.linalg.eigvalsh(relative)[:, -1]
+    least[rows] = 1.0 / mu - sigma
     return least
 
 
@@ -143,8 +138,6 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 
 def locked_motor_frequency(free: CompliantMotions) -> Array:
     """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
-
-    For motors that turn freely see `free_motor_frequency`.
 
     Args:
         free: the motions that springs and loops allow, with their stiffness and mass.
@@ -250,7 +243,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
             break
         values, vectors = np.linalg.eigh(residuals.H[0])
         sizes = np.abs(values)  # so that steps lead downhill, also where the robot buckles
-        stiffness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        stiffness = np.maximum(sizes, EIGENVALUE_ROUNDING * sizes.max())
         # (d,) steps along the motions that keep the loops closed
         uphill = vectors @ (vectors.T @ residuals.energy_slope[0] / stiffness)
         step = residuals.closing_step[0] - residuals.null_space[0] @ uphill
@@ -331,25 +324,3 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T
-
-
-def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the first natural frequency (T,) [Hz] with free motors at assembled q (T, nq).
-
-    The frequencies solve Z'KZ z = omega^2 Z'MZ z, where Z spans the motions that the loops allow, M includes
-    the rotors, and K has the springs that make the robot flexible. Rigid motions, for which omega = 0, are
-    left out. A motion without mass has an infinite frequency. Without springs the result is infinite.
-    """
-    _Q, _R, null = factor_transposed(scaled_loops(robot, linearised_at(robot, q, None)))
-    Z = robot.column_scale[:, None] * null  # (T, nv, d)
-    Z_rows = Z.swapaxes(1, 2)
-    springs = matmul(Z_rows[..., robot.elastic] * robot.stiffness, Z[:, robot.elastic])
-    mass = matmul(Z_rows, matmul(mass_matrices(robot, q) + np.diag(robot.rotors), Z))
-
-    frequency = np.full(len(q), np.inf)
-    for k in range(len(q)):
-        squares, _shapes = _vibrations(springs[k], mass[k])
-        vibrations = squares[squares > 0.0]  # ascending, without rigid motions
-        if len(vibrations):
-            frequency[k] = np.sqrt(vibrations[0]) / (2.0 * np.pi)
-    return frequency

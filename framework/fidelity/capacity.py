@@ -31,7 +31,7 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import LIMIT_MARGIN
 
-MAX_DOUBLINGS = 20  # of the multiple, or halvings; after them the capacity counts as unbounded, or as zero
+MAX_MULTIPLE = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
@@ -123,7 +123,7 @@ def largest_load_of(
     if isinstance(unloaded, NoAnswer):
         raise unloaded
     bracket = _bracket_capacity(task, Capacity(0.0, unloaded))
-    return _bound_capacity(task, _bisect_capacity(task, bracket))
+    return _bound_capacity(task, bracket)
 
 
 @dataclass
@@ -170,35 +170,25 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve the multiple from 1 until m has a plan and 2 m has none.
+    """Bracket the largest planned multiple within BRACKET_RATIO.
 
-    A capacity's `end` is the least multiple tried so far that has no plan.
+    From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket is
+    bisected at geometric means. A capacity's `end` is the least multiple tried so far that has no plan.
 
     Args:
         capacity: the multiple 0 with its plan.
     """
-    capacity = task.try_multiple(capacity, 1.0)
-    for _ in range(MAX_DOUBLINGS):
-        if not np.isfinite(capacity.end):
-            capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
+    multiple = 1.0
+    while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
+        capacity = task.try_multiple(capacity, multiple)
+        if capacity.end == np.inf:
+            multiple = 2.0 * capacity.multiple
         elif capacity.multiple == 0.0:
-            capacity = task.try_multiple(capacity, 0.5 * capacity.end)
+            multiple = 0.5 * capacity.end
+        elif (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
+            multiple = float(np.sqrt(capacity.multiple * capacity.end))
         else:
             break
-    return capacity
-
-
-def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect at geometric means between the largest planned and the least failed multiple.
-
-    The least failed multiple is the capacity's `end`. The bisection stops when the two differ by a share of
-    BRACKET_RATIO. Nothing is bisected if no multiple above zero has a plan, or if none failed.
-    """
-    if capacity.multiple == 0.0 or capacity.end == np.inf:
-        return capacity
-    while (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
-        mean = float(np.sqrt(capacity.multiple * capacity.end))
-        capacity = task.try_multiple(capacity, mean)
     return capacity
 
 

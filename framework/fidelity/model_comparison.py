@@ -179,8 +179,8 @@ class ReferenceMotion:
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
         """Return the largest difference (T,) of two motions' torques without dry friction, over the peaks."""
-        torque = motion.torque_without_friction(self.times)
-        difference = torque - reference.torque_without_friction(self.times)
+        torque = motion.torques(self.times)
+        difference = torque - reference.torques(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:

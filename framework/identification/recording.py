@@ -22,7 +22,7 @@ from framework.numerics.fields import not_negative, positive
 from framework.numerics.input import read_text
 from framework.numerics.rotations import whole_turns
 from framework.planning.motion_table import MAX_SAMPLES
-from framework.simulation.result import Simulation
+from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
 
 LARGEST_RECORDING = 200_000_000  # bytes

@@ -91,7 +91,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     widths[is_across] = 0.0  # exactly, without rounding
     offsets = normals @ centre + widths
 
-    points = _remove_repeated(centre + _sign_combinations(len(generators)) @ generators)
+    points = _remove_repeated(centre + sign_combinations(len(generators)) @ generators)
     vertices = _select_vertices(points, normals, offsets)
     return Polytope(normals, offsets, vertices, free=np.empty((0, len(centre))))
 
@@ -110,7 +110,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     rank = len(span)
     rounding = RANK_ROUNDING * singular_values(rows).max(initial=0.0)
     in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
-    signs = _sign_combinations(rank)  # (2^r, r)
+    signs = sign_combinations(rank)  # (2^r, r)
     corners = [np.zeros((0, rows.shape[1]))]
     for subset in combinations(range(len(rows)), rank) if rank else ():
         chosen = list(subset)
@@ -131,7 +131,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     )
 
 
-def _sign_combinations(count: int) -> Array:
+def sign_combinations(count: int) -> Array:
     """Return all combinations (2^count, count) of the signs -1 and 1."""
     return np.array(list(product((-1.0, 1.0), repeat=count)))
 

@@ -209,7 +209,7 @@ class ModelOnMotion:
     @property
     def planned_torque(self) -> Array:
         """The planned torques (T, n_a) [N m or N] at the nodes, without dry friction."""
-        return self.dynamics.torque_without_friction(self.grid.times)
+        return self.dynamics.torques(self.grid.times)
 
     def compute_pass(self, deflections: Array) -> Pass:
         """Compute motion and forces at the nodes for deflections (T, n_e) under the corrected law.

@@ -5,7 +5,6 @@ but no solver. Open `simulate` first, which checks its arguments and calls one o
 
 * `drive`: the motor torques and external wrenches;
 * `equations`: the equations of motion with their derivatives;
-  `robot_stack`: the same without derivatives, for stacks of robots;
 * `consistent_states`: the state at the start, and the accelerations of single states;
 * `collocation`, `step_size_control`: methods reference and stiff; `methods`: also method explicit;
   `stepper`: method fast, and fixed steps for control loops and for many runs;
@@ -14,8 +13,7 @@ but no solver. Open `simulate` first, which checks its arguments and calls one o
 
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import State
-from framework.simulation.result import Simulation
-from framework.simulation.simulate import simulate
+from framework.simulation.simulate import Simulation, simulate
 from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Event, Occurrence
 

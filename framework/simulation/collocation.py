@@ -42,14 +42,13 @@ from numpy.polynomial import legendre
 from framework.kinematics.closures import loop_curvature
 from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
+from framework.simulation.consistent_states import MAX_ITERATIONS
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, Tangent
 from framework.tolerances import NEWTON_STEP
 
-MAX_ITERATIONS = 12  # of Newton's method, and for the rate of the tangent offset of balls
 REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate, or of its motion in a step, that is rounding
-MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step ends the iteration
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +180,6 @@ class StepEquations:
 
             q_change, a_change, multiplier_change = matrix.solve(balance.force, residual)
             size = float(np.abs(q_change / self.equations.robot.column_scale).max())  # [rad, robot lengths]
-            if not size < MAX_NEWTON_STEP:
-                raise StepFailed("Newton steps too far")
             a = a + a_change
             multipliers = multipliers + multiplier_change
 

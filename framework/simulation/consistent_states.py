@@ -35,7 +35,7 @@ from framework.simulation.drive import NO_FORCES, WorldForces
 from framework.simulation.equations import EquationsOfMotion, State, Tangent
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, RANK_ROUNDING, SPRINGS_BALANCED
 
-MAX_PASSES = 60  # Newton steps towards a consistent state
+MAX_ITERATIONS = 12  # of Newton's method, here and in collocation steps
 ROUNDING_STEP = 1e-14  # [rad, robot lengths]: smaller steps and errors are rounding
 
 
@@ -127,7 +127,7 @@ def consistent_state(
     robot, scale = equations.robot, equations.robot.column_scale
     driven = equations.motor_forces(torque[None])[0]
     size = np.inf
-    for _ in range(MAX_PASSES):
+    for _ in range(MAX_ITERATIONS):
         tangent = equations.tangent_at_rest(q)
         _, light = free_motions(equations, tangent)
         # the least step that closes the loops, in radians and robot lengths

@@ -271,10 +271,10 @@ def _drive_by_plan(
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
-    # a result of `inverse_dynamics` has torques that are smooth between their edges
-    edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
+    # a result of `inverse_dynamics` has torques without dry friction, smooth between their edges
+    frictionless = getattr(motion, "torques", motion.torque)
+    edges = getattr(frictionless, "edges", np.empty(0))
     all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
-    frictionless = getattr(motion, "torque_without_friction", motion.torque)
     return Drive(
         robot, lambda t, q, v: frictionless(t), feedback=False, breaks=tuple(all_breaks), world=world
     )

@@ -108,10 +108,6 @@ class EquationsOfMotion:
         rotors[massless] = 1.0
         return replace(self, rotors=rotors)
 
-    def spring_force(self, q: Array) -> Array:
-        """Compute the spring forces K (q - rest) (T, nv) at q (T, nq)."""
-        return spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
-
     def motor_forces(self, torque: Array) -> Array:
         """Compute generalised forces S' n tau (T, nv) of motor torques tau (T, n_a) [N m], motor side."""
         force = np.zeros((len(torque), self.robot.nv))
@@ -144,7 +140,8 @@ class EquationsOfMotion:
         mass[:, diagonal, diagonal] += self.rotors
         by_q[:, diagonal, diagonal] += self.stiffness
         by_v[:, diagonal, diagonal] += self.damping
-        force += self.rotors * a + self.damping * v + self.spring_force(q)
+        springs = spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
+        force += self.rotors * a + self.damping * v + springs
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 

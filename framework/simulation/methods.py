@@ -35,7 +35,6 @@ from framework.numerics.arrays import Array
 from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, stack_states
-from framework.simulation.robot_stack import RobotStack
 from framework.simulation.step_size_control import collocate
 from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
@@ -43,7 +42,6 @@ from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
 DEFAULT_EXPLICIT_STEPS = 256  # of method explicit
 MAX_STEPS = 1_000_000  # of methods with steps of one length
-MIN_FIXED_STEPS = 4  # of method fast: its error cannot be estimated from fewer
 CLOSING_STEPS = 50.0  # steps in which open loops close; faster closing dominates the error estimate
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 
@@ -138,11 +136,8 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     """Integrate by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
     count = _count_steps(task.duration, settings.step)
-    if count < MIN_FIXED_STEPS:
-        raise InvalidInput(
-            f"step: {settings.step:g} s is too long for {task.duration:g} s, which "
-            f"needs {MIN_FIXED_STEPS} steps"
-        )
+    if count < 2:  # the error is estimated from second differences
+        raise InvalidInput(f"step: {settings.step:g} s is too long for {task.duration:g} s; take 2 or more")
     edges = np.linspace(0.0, task.duration, count + 1)
     record = RunRecord(task, event_samples=1)
     trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
@@ -175,7 +170,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     the work of constant forces along the step.
     """
     drive, robot = task.drive, task.equations.robot
-    stepper = Stepper.from_stack(RobotStack.from_equations(task.equations))
+    stepper = Stepper.from_equations(task.equations)
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback

@@ -9,7 +9,6 @@ become much shorter than usual, a few longer steps are tried before the simulati
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -30,64 +29,13 @@ from framework.simulation.equations import EquationsOfMotion, State
 from framework.tolerances import SAME_PLACE
 
 BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a bridging step, whose `unresolved` part is reported
-BRIDGED_SHORTENING = 8.0  # steps shorter than the usual one by this factor indicate a singularity
+SHORTENING = 4.0  # of a step that fails; steps shorter than usual by twice this factor indicate a singularity
 BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # bridging steps over the usual step, tried in turn
-FIRST_STEP_RATIO = 1 / 8  # of the duration
-# bounds on the growth from step to step, and a safety factor
-MAX_STEP_GROWTH, MIN_STEP_GROWTH, STEP_SAFETY = 3.0, 0.2, 0.9
+STEP_SAFETY = 0.8  # factor on the length that the estimate of the unresolved part allows
 NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
-REFUSED_STEP_RATIO = 0.7  # after an unresolved step, the next is shorter at least by this factor
 # largest number of steps of a simulation; their number is extrapolated once so many steps are accepted
 MAX_STEPS, PROJECTED_AFTER = 20_000, 100
 GUESS_COEFFICIENTS = 4  # number of Legendre coefficients that are extrapolated to the next step
-
-
-@dataclass
-class StepSizeControl:
-    """The length of the next step and the quantities that determine its choice; lengths in seconds.
-
-    There are two states. While `short` is 0, the next step is an ordinary one. Otherwise it is a bridging
-    step, of a length in `BRIDGING_RATIOS`. If all bridging steps are rejected, ordinary steps continue with
-    the length `short`.
-    """
-
-    length: float  # of the next step
-    longest: float  # length that no ordinary step exceeds
-    usual: float = 0.0  # length of accepted steps; falls at most by half from step to step
-    short: float = 0.0
-    tried: int = 0  # number of bridging steps tried at the present singularity
-    accepted: int = 0  # number of accepted steps
-
-    def next_length(self, remaining: float) -> float:
-        """Return the length [s] of the next step, with `remaining` [s] to go until the torque may jump.
-
-        The last two steps before that instant are equally long, so that no tiny step is left over.
-        """
-        count = max(1, int(np.ceil(remaining / self.length - SAME_PLACE)))
-        return remaining / count if count <= 2 else self.length
-
-    def accept(self, length: float, factor: float) -> None:
-        """Accept a step of this length [s]; multiply the length of the next one by `factor`."""
-        self.length = min(self.longest, length * factor)
-        self.usual = max(length, 0.5 * self.usual)
-        self.short, self.tried = 0.0, 0
-        self.accepted += 1
-
-    def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step of this length [s] and choose the next, with `remaining` [s] to go.
-
-        The length is multiplied by `factor`. Where steps become far shorter than usual, bridging steps of
-        different lengths are tried first.
-        """
-        shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
-        is_bridging = self.short > 0.0 or shorter < self.usual / BRIDGED_SHORTENING
-        if is_bridging and self.tried < len(BRIDGING_RATIOS):
-            self.length = min(BRIDGING_RATIOS[self.tried] * self.usual, remaining)
-            self.short = shorter
-            self.tried += 1
-        else:
-            self.length = shorter
-            self.short = 0.0
 
 
 def collocate(
@@ -108,63 +56,110 @@ def collocate(
     Args:
         stages: number of nodes of a step.
         tolerance: what a step may leave unresolved [rad, robot lengths].
-        longest: largest length of a step [s].
+        longest: largest length of a step [s], except to bridge a singularity.
 
     Raises:
         NotConverged: no step, however short, can be solved or resolved; or too many steps are needed.
     """
     table = radau_table(stages)
-    control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
+    # of the next step; the first is short, because nothing is known of the motion yet
+    length = min(longest, duration / stages)
+    usual = 0.0  # length of accepted steps; falls at most by half from step to step
+    accepted = 0
     for time, end in pairwise(drive.edges(duration)):
         previous = None  # the last step, from which the next one is guessed
-        failure = ""  # why the last attempt was rejected, if it was
         while time < end:
-            if failure and control.length < SAME_PLACE * duration:
-                raise _stalled_error(equations, time, control.length, f"and even they fail: {failure}")
-            remaining = end - time
-            length = control.next_length(remaining)
-            step_equations = StepEquations(equations, drive, table, time, length, start)
-            guess = _extrapolate_guess(equations, table, previous, length)
-            try:
-                step = step_equations.solve(*guess, NEWTON_SHARE * tolerance)
-            except StepFailed as error:
-                failure = str(error)
-                previous = None
-                control.reject(length, MIN_STEP_GROWTH, remaining)
-                continue
-
-            admissible = tolerance + COORDINATE_ROUNDING * _largest_motion(equations, step)
-            growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
-            leniency = BRIDGING_LENIENCY if control.short else 1.0  # for a bridging step
-            if step.unresolved > leniency * admissible:
-                failure = "the motion is not resolved"
-                control.reject(length, growth, remaining)
-                continue
+            for candidate, leniency in _step_lengths(length, usual, end - time, SAME_PLACE * duration):
+                step_equations = StepEquations(equations, drive, table, time, candidate, start)
+                try:
+                    step = _try_step(step_equations, previous, tolerance, leniency)
+                    break
+                except StepFailed as error:
+                    failure = error
+            else:
+                raise _stalled_error(equations, time, candidate, f"and even they fail: {failure}")
 
             yield step
-            failure = ""
             previous = step
             start = end_state(equations, step)
-            time = end if length == remaining else time + length
-            control.accept(length, growth)
+            time = end if candidate == end - time else step.end
+            length = min(longest, candidate * _step_growth(equations, step, tolerance))
+            usual = max(candidate, 0.5 * usual)
+            accepted += 1
             # at this rate the whole simulation needs accepted * duration / time steps
-            if control.accepted >= PROJECTED_AFTER and control.accepted * duration / time > MAX_STEPS:
-                raise _stalled_error(equations, time, length, "they are too many")
+            if accepted >= PROJECTED_AFTER and accepted * duration / time > MAX_STEPS:
+                raise _stalled_error(equations, time, candidate, "they are too many")
 
 
-def _largest_motion(equations: EquationsOfMotion, step: CollocationStep) -> float:
-    """Return the largest joint motion of a step [rad, robot lengths], estimated from its slopes."""
-    joint_motions = step.length * np.abs(step.slope / equations.robot.column_scale)
-    return float(joint_motions.max(initial=0.0))
+def _step_lengths(
+    length: float, usual: float, remaining: float, shortest: float
+) -> Iterator[tuple[float, float]]:
+    """Yield the lengths [s] to try in turn for a step, each with its factor on the tolerance.
+
+    Each try is shorter than the last one by the factor SHORTENING. Where steps become far shorter than usual,
+    longer ones that may bridge a singularity are tried once.
+
+    Args:
+        length: the first length [s].
+        usual: usual length of accepted steps [s].
+        remaining: time to go until the torque may jump [s].
+        shortest: length below which no step is tried [s].
+    """
+    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]
+    yield _divide_evenly(length, remaining), 1.0
+    while (length := length / SHORTENING) >= shortest:
+        if 2.0 * SHORTENING * length < usual:
+            for bridge in bridging:
+                yield _divide_evenly(bridge, remaining), BRIDGING_LENIENCY
+            bridging = []
+        yield _divide_evenly(length, remaining), 1.0
 
 
-def _step_growth(ratio: float, stages: int) -> float:
-    """Return the factor on the length of the next step for the ratio of admissible to unresolved part.
+def _divide_evenly(length: float, remaining: float) -> float:
+    """Return the length [s] of a step of about `length`, with `remaining` [s] until the torque may jump.
+
+    The last two steps before that instant are equally long, so that no tiny step is left over.
+    """
+    count = max(1, int(np.ceil(remaining / length - SAME_PLACE)))
+    return remaining / count if count <= 2 else length
+
+
+def _try_step(
+    equations: StepEquations, previous: CollocationStep | None, tolerance: float, leniency: float
+) -> CollocationStep:
+    """Solve a step from a guess that is extrapolated from the previous one.
+
+    Args:
+        tolerance: what a step may leave unresolved [rad, robot lengths].
+        leniency: factor on this part for a bridging step.
+
+    Raises:
+        StepFailed: the step cannot be solved, or leaves more unresolved.
+    """
+    guess = _extrapolate_guess(equations.equations, equations.table, previous, equations.length)
+    step = equations.solve(*guess, NEWTON_SHARE * tolerance)
+    if step.unresolved > leniency * _admissible_part(equations.equations, step, tolerance):
+        raise StepFailed("the motion is not resolved")
+    return step
+
+
+def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
+    """Return what a step may leave unresolved: the tolerance and the rounding of its largest motion.
+
+    Both are in rad and robot lengths. The motion is estimated from the slopes of the step.
+    """
+    motions = step.length * np.abs(step.slope / equations.robot.column_scale)
+    return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
+
+
+def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
+    """Return the factor on the length of the next step.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
-    growth = STEP_SAFETY * ratio ** (1 / (stages + 1))
-    return float(np.clip(growth, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
+    admissible = _admissible_part(equations, step, tolerance)
+    ratio = admissible / max(step.unresolved, LEAST_DIVISOR)
+    return STEP_SAFETY * float(ratio ** (1 / (step.table.stages + 1)))
 
 
 def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:

@@ -15,29 +15,372 @@ extrapolated: the linear implicit Euler method with extrapolation: twice the res
 Sources: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
 Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
 
-Arrays have a row for each of R runs. All schemes take the generalised forces `driven` (R, nv) of motors and
-world, which are constant over the step.
+Arrays have a row for each of R runs. Each run may have its own robot (another payload, other lengths, other
+springs) if joints and loops are the same . All schemes take the generalised forces `driven`
+(R, nv) of motors and world, which are constant over the step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import InvalidInput, check_choice
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.closures import closure_drift, loop_equations
+from framework.kinematics.frames import (
+    FrameStack,
+    Scratch,
+    collect_frames,
+    difference,
+    integrate,
+    move_with_bodies,
+    scratch_of,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.drive import NO_FORCES, WorldForces
-from framework.simulation.equations import State, spring_forces, stack_states
-from framework.simulation.robot_stack import RobotStack
+from framework.simulation.equations import (
+    EquationsOfMotion,
+    State,
+    check_damping,
+    spring_forces,
+    stack_states,
+)
 
+
+class Terms(NamedTuple):
+    """The terms of the equations of motion of R runs, with m loop equations; no derivatives."""
+
+    mass: Array  # (R, nv, nv) M with rotors
+    bias: Array  # (R, nv) c + g, Coriolis, centrifugal and gravity forces
+    frames: FrameStack
+    residual: Array  # (R, m) of the loop equations [m, rad]
+    jacobian: Array  # (R, m, nv) of the loop equations
+    twists: Array  # (2, R, bodies, 6) of all bodies, and their time derivatives without joint accelerations
+
+
+SCHEMES = ("midpoint", "extrapolated")
 # Share of the gap of a loop that one step closes: 6 - sqrt(32), the largest without overshoot.
 CLOSING_SHARE = 0.343
+
+
+@dataclass(frozen=True, eq=False)
+class Stepper:
+    """A fixed-step integrator of one robot in any number of runs, or of R robots in R runs."""
+
+    equations: tuple[EquationsOfMotion, ...]  # of R robots of one structure, or of one robot for all runs
+    scheme: str  # of SCHEMES
+
+    @staticmethod
+    def of(
+        robots: ParallelRobot | Sequence[ParallelRobot],
+        *,
+        damping: ArrayLike | None = None,
+        scheme: str | None = None,
+        like: ParallelRobot | None = None,
+    ) -> Stepper:
+        """Make a stepper of one robot or of R robots of one structure.
+
+        Args:
+            damping: viscous damping added to that of the joints, one number, (nv,) or (R, nv)
+                [N m s/rad, N s/m].
+            scheme: midpoint or extrapolated, see the header; by default extrapolated if parts have no mass,
+                else midpoint.
+            like: a robot of the same structure that decides which loop equations are independent, which
+                joints idle and whether parts have no mass; by default the first of the robots.
+
+        Raises:
+            InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; a
+                scheme that is unknown or does not suit the robot; or as in `EquationsOfMotion.of`.
+        """
+        robots = (robots,) if isinstance(robots, ParallelRobot) else tuple(robots)
+        if not robots:
+            raise InvalidInput("robots: needs at least one robot")
+        like = robots[0] if like is None else like
+        first = EquationsOfMotion.of(like)
+        for robot in robots:
+            _check_same_structure(like, robot)
+        idle_inertia = first.rotors - like.rotors  # (nv,) 1 on idle joints without mass
+        shape = (len(robots), like.nv)
+        added_damping = np.broadcast_to(check_damping(damping, shape), shape)
+        equations = [
+            replace(
+                first,
+                robot=robot,
+                damping=robot.joint_damping + added,
+                rotors=robot.rotors + idle_inertia,
+                stiffness=robot.all_stiffness,
+            )
+            for robot, added in zip(robots, added_damping, strict=True)
+        ]
+        return Stepper(tuple(equations), _choose_scheme(first, scheme))
+
+    @staticmethod
+    def from_equations(equations: EquationsOfMotion) -> Stepper:
+        """Make a stepper of one robot, with the damping of its equations of motion."""
+        return Stepper((equations,), _choose_scheme(equations, None))
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The first robot, whose structure is that of all."""
+        return self.equations[0].robot
+
+    @cached_property
+    def gear_ratio(self) -> Array:
+        """Gear ratios (R, n_a)."""
+        return np.array([equations.robot.gear_ratio for equations in self.equations])
+
+    @cached_property
+    def rotors(self) -> Array:
+        """Inertia (R, nv) of the rotors [kg m^2, kg], joint side."""
+        return np.array([equations.rotors for equations in self.equations])
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Stiffness (R, nv) of the springs [N m/rad, N/m]."""
+        return np.array([equations.stiffness for equations in self.equations])
+
+    @cached_property
+    def rest(self) -> Array:
+        """Rest positions (R, nv) of the springs, as offsets from the neutral configuration."""
+        return np.array([equations.robot.joint_rest for equations in self.equations])
+
+    @cached_property
+    def damping(self) -> Array:
+        """Damping (R, nv) of the joints, with what the caller adds [N m s/rad, N s/m]."""
+        return np.array([equations.damping for equations in self.equations])
+
+    def start(
+        self,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        *,
+        world: WorldForces = NO_FORCES,
+    ) -> State:
+        """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
+
+        Args:
+            v: rates (nv,) or (R, nv); zero by default.
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side; zero by default.
+            world: external forces, of which those at t = 0 act.
+
+        Raises:
+            NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
+        """
+        robot = self.robot
+        q = np.asarray(q, dtype=float)
+        leading = q.shape[:-1]  # (R,), or () for a single run
+        v = np.zeros(robot.nv) if v is None else v
+        torque = np.zeros(robot.n_a) if torque is None else torque
+        rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
+        torques = np.broadcast_to(torque, (*leading, robot.n_a))
+        runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
+        states = [
+            consistent_state(self.equations[k % len(self.equations)], *run, world)
+            for k, run in enumerate(runs)
+        ]
+        new = stack_states(states)
+        return State(new.q.reshape(q.shape), new.v.reshape(rates.shape))
+
+    def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
+        """Compute the state h [s] later under constant torques.
+
+        The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
+        result, to the last bit, in any stack.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+            torque: motor torques (n_a,) or (R, n_a) [N m], motor side.
+            world: generalised external forces (nv,) or (R, nv) [N m, N], constant, too.
+        """
+        runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
+        driven = np.zeros(rates.shape)  # generalised forces of motors and world
+        driven[:, self.robot.actuated] = self.gear_ratio * torque
+        if world is not None:
+            driven += world
+        with np.errstate(over="ignore", invalid="ignore"):
+            scheme = self._midpoint if self.scheme == "midpoint" else self._extrapolate
+            new = scheme(State(runs, rates), driven, h)
+        return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
+
+    def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each.
+
+        Args:
+            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
+        """
+        platform = self.robot.platform
+        rates = np.atleast_2d(v)
+        frames = self.terms(np.atleast_2d(q), rates).frames
+        x = platform.coordinates(frames)
+        twist = matvec(platform.jacobian(frames), rates)
+        shape = (*q.shape[:-1], platform.n)
+        return x.reshape(shape), twist.reshape(shape)
+
+    # ------------------------------------------------------------------ schemes
+
+    def _midpoint(self, start: State, driven: Array, h: float) -> State:
+        """Step by the linear implicit midpoint rule, h [s].
+
+        All terms are evaluated in the predicted middle of the step. The equations are solved twice. The first
+        acceleration is a guess. It predicts the velocity in the middle, on which the bias forces and the
+        drift of the loops depend.
+
+        Args:
+            start: states of the R runs.
+            driven: generalised forces (R, nv) of motors and world [N m, N].
+        """
+        robot, (q, v) = self.robot, start
+        middle = integrate(robot, q, 0.5 * h * v)
+        terms = self.terms(middle, v)
+        implicit_mass = self._implicit_mass(terms.mass, 0.5 * h)
+
+        loop_rate = matvec(terms.jacobian, v)  # (R, m)
+        drift = self.drift(
+            terms
+        )  # (R, m) second time derivatives of the loop equations without accelerations
+        # residuals (R, m) at q, by a Taylor series from the middle back to the start
+        gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
+
+        # the two solutions differ in the bias forces, and in the drift of the loops
+        forces = driven - spring_forces(robot, self.stiffness, self.rest, middle) - self.damping * v
+        closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
+        guess = _solve_accelerations(
+            implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * drift
+        )
+
+        v_middle = v + 0.5 * h * guess
+        terms = self.with_velocities(terms, middle, v_middle)
+        accelerations = closing - 0.5 * self.drift(terms)  # (R, m) of the loop equations
+        v_end = v + h * _solve_accelerations(
+            implicit_mass, terms.jacobian, forces - terms.bias, accelerations
+        )
+        return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
+
+    def _step_by_euler(
+        self, start: State, driven: Array, h: float, closing_rate: Array | None = None
+    ) -> tuple[State, Array]:
+        """Step by the linear implicit Euler method, h [s].
+
+        The velocity v + h a after the step satisfies J (v + h a) = `closing_rate`. All terms are evaluated at
+        q + h v, so that a part without mass is in balance after the step.
+
+        Args:
+            start: states of the R runs.
+            driven: generalised forces (R, nv) of motors and world [N m, N].
+            closing_rate: rates (R, m) of the loop equations after the step. By default the step closes
+                CLOSING_SHARE of every gap.
+
+        Returns:
+            The state after the step; the closing rate.
+        """
+        robot, (q, v) = self.robot, start
+        predicted = integrate(robot, q, h * v)
+        terms = self.terms(predicted, v)
+        if closing_rate is None:
+            closing_rate = -CLOSING_SHARE * terms.residual / h
+        implicit_mass = self._implicit_mass(terms.mass, h)
+        springs = spring_forces(robot, self.stiffness, self.rest, predicted)
+        forces = driven - terms.bias - springs - self.damping * v
+        loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
+        v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
+        return State(integrate(robot, q, h * v_end), v_end), closing_rate
+
+    def _extrapolate(self, start: State, driven: Array, h: float) -> State:
+        """Step by the extrapolated linear implicit Euler method, h [s].
+
+        The result is twice that of two half steps minus that of one whole step. Extrapolation requires that
+        whole and half steps approach the same solution. So all of them close the loops at the same rate.
+
+        Args:
+            start: states of the R runs.
+            driven: generalised forces (R, nv) of motors and world [N m, N].
+        """
+        whole, closing_rate = self._step_by_euler(start, driven, h)
+        half, _ = self._step_by_euler(start, driven, 0.5 * h, closing_rate)
+        halves, _ = self._step_by_euler(half, driven, 0.5 * h, closing_rate)
+        robot = self.robot
+        correction = difference(robot, whole.q, halves.q)  # 2 halves - whole is halves + (halves - whole)
+        return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
+
+    def _implicit_mass(self, mass: Array, d: float) -> Array:
+        """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
+
+        K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
+        """
+        matrix = mass.copy()
+        diagonal = range(mass.shape[1])
+        matrix[:, diagonal, diagonal] += d**2 * self.stiffness + d * self.damping
+        return matrix
+
+    # ------------------------------------------------------------------ terms
+
+    def _models(self, runs: int) -> list[pin.Model]:
+        """Return the pinocchio model of each of R runs."""
+        models = [equations.robot.model for equations in self.equations]
+        return models if len(models) > 1 else models * runs
+
+    def terms(self, q: Array, v: Array) -> Terms:
+        """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
+        runs, nv = v.shape
+        models = self._models(runs)
+        scratch = scratch_of(self.robot)
+        mass = np.empty((runs, nv, nv))
+        bias = np.empty((runs, nv))
+        twists = np.empty((2, runs, *scratch.velocities.shape))
+
+        def compute(k: int) -> pin.Model:
+            """Compute the terms of the tree in run k; return the model for its frames."""
+            mass[k] = pin.crba(models[k], scratch.data, q[k])
+            bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
+            return models[k]
+
+        frames = collect_frames(scratch, q, compute)
+        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
+        mass[:, range(nv), range(nv)] += self.rotors
+        loops = loop_equations(self.equations[0].rows, frames)
+        return Terms(mass, bias, frames, loops.residual, loops.jacobian, twists)
+
+    def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
+        """Return `terms`, computed at q (R, nq), for other velocities v (R, nv).
+
+        Only bias forces and twists depend on velocities.
+        """
+        bias = np.empty_like(terms.bias)
+        twists = np.empty_like(terms.twists)
+        scratch = scratch_of(self.robot)
+        for k, model in enumerate(self._models(len(q))):
+            bias[k], twists[:, k] = _velocity_terms(model, scratch, q[k], v[k])
+        return terms._replace(bias=bias, twists=twists)
+
+    def drift(self, terms: Terms) -> Array:
+        """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
+        motions = move_with_bodies(self.robot, terms.frames, terms.twists)
+        return closure_drift(self.equations[0].rows, motions)
+
+
+def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
+    """Return the scheme, by default extrapolated if a motion moves no mass, else midpoint.
+
+    Raises:
+        InvalidInput: a scheme that is unknown or does not suit the robot.
+    """
+    _, light = free_motions(equations, equations.tangent_at_rest(equations.robot.reference.q))
+    has_light_motion = light.shape[1] > 0  # a motion of parts without mass
+    if scheme is None:
+        return "extrapolated" if has_light_motion else "midpoint"
+    check_choice("scheme", scheme, SCHEMES)
+    if has_light_motion and scheme == "midpoint":
+        raise InvalidInput(f"{equations.robot.name}: parts without mass need the scheme extrapolated")
+    return scheme
 
 
 def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
@@ -59,209 +402,30 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
     return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
-def _implicit_mass(mass: Array, stack: RobotStack, d: float) -> Array:
-    """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
+def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
+    """Compute the terms of one run that depend on velocities, at q (nq,) and v (nv,).
 
-    K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
-    """
-    matrix = mass.copy()
-    diagonal = range(mass.shape[1])
-    matrix[:, diagonal, diagonal] += d**2 * stack.stiffness + d * stack.damping
-    return matrix
-
-
-def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
-    """Step by the linear implicit midpoint rule, h [s].
-
-    All terms are evaluated in the predicted middle of the step. The equations are solved twice. The first
-    acceleration is a guess. It predicts the velocity in the middle, on which the bias forces and the drift
-    of the loops depend.
-
-    Args:
-        start: states of the R runs.
-        driven: generalised forces (R, nv) of motors and world [N m, N].
-    """
-    robot, (q, v) = stack.robots[0], start
-    middle = integrate(robot, q, 0.5 * h * v)
-    terms = stack.terms(middle, v)
-    implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
-
-    loop_rate = matvec(terms.jacobian, v)  # (R, m)
-    drift = stack.drift(terms)  # (R, m) second time derivatives of the loop equations without accelerations
-    # residuals (R, m) at q, by a Taylor series from the middle back to the start
-    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
-
-    # the two solutions differ in the bias forces, and in the drift of the loops
-    forces = driven - spring_forces(robot, stack.stiffness, stack.rest, middle) - stack.damping * v
-    closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * drift)
-
-    v_middle = v + 0.5 * h * guess
-    terms = stack.with_velocities(terms, middle, v_middle)
-    accelerations = closing - 0.5 * stack.drift(terms)  # (R, m) of the loop equations
-    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, accelerations)
-    return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
-
-
-def _step_by_euler(
-    stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
-) -> tuple[State, Array]:
-    """Step by the linear implicit Euler method, h [s].
-
-    The velocity v + h a after the step satisfies J (v + h a) = `closing_rate`. All terms are evaluated at
-    q + h v, so that a part without mass is in balance after the step.
-
-    Args:
-        start: states of the R runs.
-        driven: generalised forces (R, nv) of motors and world [N m, N].
-        closing_rate: rates (R, m) of the loop equations after the step. By default the step closes
-            CLOSING_SHARE of every gap.
+    The screws of the joints, from which frames are collected, are computed in the memory `scratch`, too.
 
     Returns:
-        The state after the step; the closing rate.
+        The bias forces (nv,); the twists of all bodies and their time derivatives (2, bodies, 6).
     """
-    robot, (q, v) = stack.robots[0], start
-    predicted = integrate(robot, q, h * v)
-    terms = stack.terms(predicted, v)
-    if closing_rate is None:
-        closing_rate = -CLOSING_SHARE * terms.residual / h
-    implicit_mass = _implicit_mass(terms.mass, stack, h)
-    springs = spring_forces(robot, stack.stiffness, stack.rest, predicted)
-    forces = driven - terms.bias - springs - stack.damping * v
-    loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
-    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
-    return State(integrate(robot, q, h * v_end), v_end), closing_rate
+    bias = pin.nonLinearEffects(model, scratch.data, q, v)
+    pin.computeForwardKinematicsDerivatives(model, scratch.data, q, v, np.zeros_like(v))
+    return bias, np.stack([scratch.velocities, scratch.accelerations])
 
 
-def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> State:
-    """Step by the extrapolated linear implicit Euler method, h [s].
-
-    The result is twice that of two half steps minus that of one whole step. Extrapolation requires that whole
-    and half steps approach the same solution. So all of them close the loops at the same rate.
-
-    Args:
-        start: states of the R runs.
-        driven: generalised forces (R, nv) of motors and world [N m, N].
-    """
-    whole, closing_rate = _step_by_euler(stack, start, driven, h)
-    half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)
-    halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
-    robot = stack.robots[0]
-    correction = difference(robot, whole.q, halves.q)  # 2 halves - whole is halves + (halves - whole)
-    return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
+def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
+    """Raise InvalidInput unless two robots have the same structure."""
+    if not all(map(np.array_equal, _structure(first), _structure(second))):
+        raise InvalidInput(
+            f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"
+        )
 
 
-Scheme = Callable[[RobotStack, State, Array, float], State]  # of (stack, start, driven, h)
-SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate}
-
-
-@dataclass(frozen=True, eq=False)
-class Stepper:
-    """A fixed-step integrator of one robot in any number of runs, or of R robots in R runs."""
-
-    stack: RobotStack
-    scheme: str  # of SCHEMES
-
-    @staticmethod
-    def of(
-        robots: ParallelRobot | Sequence[ParallelRobot],
-        *,
-        damping: ArrayLike | None = None,
-        scheme: str | None = None,
-        like: ParallelRobot | None = None,
-    ) -> Stepper:
-        """Make a stepper of one robot or of R robots of one structure.
-
-        Args:
-            damping: viscous damping added to that of the joints, one number, (nv,) or (R, nv)
-                [N m s/rad, N s/m].
-            scheme: midpoint or extrapolated, see `schemes`; by default extrapolated if parts have no mass,
-                else midpoint.
-            like: a robot of the same structure that decides which loop equations are independent, which
-                joints idle and whether parts have no mass; by default the first of the robots.
-
-        Raises:
-            InvalidInput: a scheme that is unknown or does not suit the robot; robots of different structure.
-        """
-        return Stepper.from_stack(RobotStack.of(robots, damping, like), scheme)
-
-    @staticmethod
-    def from_stack(stack: RobotStack, scheme: str | None = None) -> Stepper:
-        """Make a stepper of stacked robots.
-
-        Raises:
-            InvalidInput: a scheme that is unknown or does not suit the robot.
-        """
-        first = stack.first
-        _, light = free_motions(first, first.tangent_at_rest(first.robot.reference.q))
-        has_light_motion = light.shape[1] > 0  # a motion of parts without mass
-        if scheme is None:
-            scheme = "extrapolated" if has_light_motion else "midpoint"
-        check_choice("scheme", scheme, SCHEMES)
-        if has_light_motion and scheme == "midpoint":
-            raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
-        return Stepper(stack, scheme)
-
-    def start(
-        self,
-        q: ArrayLike,
-        v: ArrayLike | None = None,
-        torque: ArrayLike | None = None,
-        *,
-        world: WorldForces = NO_FORCES,
-    ) -> State:
-        """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
-
-        Args:
-            v: rates (nv,) or (R, nv); zero by default.
-            torque: motor torques (n_a,) or (R, n_a) [N m], motor side; zero by default.
-            world: external forces, of which those at t = 0 act.
-
-        Raises:
-            NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
-        """
-        robot = self.stack.robots[0]
-        q = np.asarray(q, dtype=float)
-        leading = q.shape[:-1]  # (R,), or () for a single run
-        v = np.zeros(robot.nv) if v is None else v
-        torque = np.zeros(robot.n_a) if torque is None else torque
-        rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
-        torques = np.broadcast_to(torque, (*leading, robot.n_a))
-        runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
-        states = [consistent_state(self.stack.equations(k), *run, world) for k, run in enumerate(runs)]
-        new = stack_states(states)
-        return State(new.q.reshape(q.shape), new.v.reshape(rates.shape))
-
-    def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
-        """Compute the state h [s] later under constant torques.
-
-        The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
-        result, to the last bit, in any stack.
-
-        Args:
-            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
-            torque: motor torques (n_a,) or (R, n_a) [N m], motor side.
-            world: generalised external forces (nv,) or (R, nv) [N m, N], constant, too.
-        """
-        runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
-        driven = np.zeros(rates.shape)  # generalised forces of motors and world
-        driven[:, self.stack.robots[0].actuated] = self.stack.gear_ratio * torque
-        if world is not None:
-            driven += world
-        with np.errstate(over="ignore", invalid="ignore"):
-            new = SCHEMES[self.scheme](self.stack, State(runs, rates), driven, h)
-        return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
-
-    def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Compute the platform's coordinates x and twist on its axes, (n,) or (R, n) each.
-
-        Args:
-            q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
-        """
-        platform = self.stack.robots[0].platform
-        rates = np.atleast_2d(v)
-        frames = self.stack.terms(np.atleast_2d(q), rates).frames
-        x = platform.coordinates(frames)
-        twist = matvec(platform.jacobian(frames), rates)
-        shape = (*q.shape[:-1], platform.n)
-        return x.reshape(shape), twist.reshape(shape)
+def _structure(robot: ParallelRobot) -> list[Any]:
+    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
+    joints = [list(robot.model.names), robot.model.nv]
+    index_sets = [robot.actuated, robot.elastic, robot.frames]
+    loop_rows = [getattr(robot.loops, field.name) for field in fields(robot.loops)]
+    return joints + index_sets + loop_rows

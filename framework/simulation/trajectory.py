@@ -5,7 +5,7 @@ An event is an instant at which a function of the state passes through zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -140,53 +140,47 @@ def occurrences(
 
     Args:
         step: the motion of this step alone.
-        last_values: value of each function at the end of the previous step, updated here. This step starts
-            at the same instant, but rounding may give the value the other sign. An additional interval of
-            zero length, between the old and the new value, catches a zero that would be lost there.
+        last_values: value of each function at the end of the previous step, which is the start of this one;
+            updated here.
     """
     occurred: list[Occurrence] = []
     times = np.linspace(step.edges[0], step.edges[-1], samples + 1)
-    states = step(times)
+    states = list(zip(times.tolist(), *step(times), strict=True))  # (t, q, v) each
     for event in events:
-        values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        # the old value at the start, then the new values at all instants
-        start = times[0], last_values.get(event, values[0])
-        points = [start, *zip(times, values, strict=True)]
+        # no second value at the start: rounding may give it the other sign, and a zero would count twice
+        if event not in last_values:
+            last_values[event] = _event_value(event, *states[0])
+        values = [last_values[event], *(_event_value(event, *state) for state in states[1:])]
         last_values[event] = values[-1]
-        for zero in _find_zeros(event, step, points):
-            q, v = step(np.array([zero]))
-            occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
+        for k, (begin_value, end_value) in enumerate(pairwise(values)):
+            if _has_zero(event, begin_value, end_value):
+                zero = _find_zero(event, step, times[k], times[k + 1])
+                q, v = step(np.array([zero]))
+                occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     terminal = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
     return occurred[: terminal[0] + 1] if terminal else occurred
 
 
-def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, float]]) -> Iterator[float]:
-    """Yield the zeros [s] of an event's function that its values at successive instants bracket.
+def _has_zero(event: Event, begin_value: float, end_value: float) -> bool:
+    """Return whether two successive values of an event's function bracket a zero in its direction.
 
-    Args:
-        step: the motion of the step.
-        points: instants [s] with the values of the function. The first two may be of one instant.
+    A zero at the beginning belongs to the interval that ends there.
     """
-    for (begin, begin_value), (end, end_value) in pairwise(points):
-        if begin_value == 0.0:  # this zero belongs to the interval that ends there
-            continue
-        has_same_sign = begin_value * end_value > 0
-        has_wrong_direction = event.direction * (end_value - begin_value) < 0
-        if has_same_sign or has_wrong_direction:
-            continue
-        is_at_end = end_value == 0.0 or begin == end
-        yield float(end) if is_at_end else _find_zero(event, step, begin, end)
+    changes_sign = begin_value != 0.0 and begin_value * end_value <= 0.0
+    return changes_sign and event.direction * (end_value - begin_value) >= 0.0
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
-    """Find the zero [s] of an event's function between `begin` and `end` [s], where the signs differ."""
+    """Find the zero [s] of an event's function between `begin` and `end` [s]."""
     from scipy.optimize import brentq
 
     def value(t: float) -> float:
         q, v = trajectory(np.array([t]))
         return _event_value(event, t, q[0], v[0])
 
+    if value(begin) * value(end) > 0.0:  # the sign changed by rounding, from the end of the previous step
+        return float(begin)
     return float(brentq(value, begin, end, xtol=np.spacing(end)))
 
 

@@ -125,8 +125,8 @@ def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
     weightless = replace(robot, stiffness=robot.stiffness)
     stepper = Stepper.of([robot, weightless, robot], like=robot)
     start = stepper.start(np.repeat(robot.q_near[None], 3, axis=0))
-    stepper.stack.rotors[1] = 0.0
-    for inertia in stepper.stack.robots[1].model.inertias:
+    stepper.rotors[1] = 0.0
+    for inertia in stepper.equations[1].robot.model.inertias:
         inertia.setZero()
     state = stepper.step(*start, np.full((3, 2), 0.1), 1e-3)
     assert not np.any(np.isfinite(state.v[1]))

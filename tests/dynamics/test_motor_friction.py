@@ -57,7 +57,7 @@ def test_the_motors_give_the_energy_and_what_friction_and_damping_take(polynomia
 
 def test_friction_jumps_where_a_motor_reverses_and_is_nothing_at_a_standstill(polynomial):
     size = np.array(list(FRICTION.values())) / polynomial.robot.gear_ratio
-    smooth, whole = polynomial.dynamics.torque_without_friction, polynomial.torque
+    smooth, whole = polynomial.dynamics.torques, polynomial.torque
     np.testing.assert_array_equal(whole([0.0, 1.5]), smooth([0.0, 1.5]))
     t = np.linspace(0.0, 1.5, 20001)[1:-1]
     share, speed = whole(t) - smooth(t), polynomial.motor_angle(t, 1)
@@ -160,7 +160,7 @@ def test_an_elastic_robot_counts_friction_too():
     plan = plan_crossing(robot, LINE, **options)
     t = np.linspace(0.0, 1.5, 4001)[1:-1]
     rubbed = np.array(list(FRICTION.values())) / robot.gear_ratio
-    share = plan.torque(t) - plan.dynamics.torque_without_friction(t)
+    share = plan.torque(t) - plan.dynamics.torques(t)
     speed = plan.motor_angle(t, 1)
     surely = np.abs(speed) > 1e-6 * np.abs(speed).max()
     np.testing.assert_allclose(share[surely], (rubbed * np.sign(speed))[surely], atol=1e-15)

@@ -17,7 +17,7 @@ def held_torque(robot, plan, scheme, steps):
     state = stepper.start(plan.dynamics.configuration(0.0)[0], torque=plan.torque(0.0))
     for torque in plan.torque((np.arange(steps) + 0.5) * h):
         state = stepper.step(*state, torque, h)
-    gap = np.abs(stepper.stack.terms(state.q[None], state.v[None]).residual).max()
+    gap = np.abs(stepper.terms(state.q[None], state.v[None]).residual).max()
     return stepper.platform(*state)[0], gap
 
 
@@ -66,7 +66,7 @@ def test_open_loops_close_and_do_not_overshoot():
     gaps = []
     for _ in range(40):
         q, v = stepper.step(q, v, np.zeros(2), 1e-3)
-        gaps.append(np.abs(stepper.stack.terms(q[None], v[None]).residual).max())
+        gaps.append(np.abs(stepper.terms(q[None], v[None]).residual).max())
     assert max(gaps) <= 3e-5
     assert gaps[-1] < 1e-9
 
