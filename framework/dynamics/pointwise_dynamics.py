@@ -54,7 +54,7 @@ from framework.dynamics.instant import (
     stack_wrenches,
 )
 from framework.dynamics.platform_wrench import motor_speeds
-from framework.errors import SingularPose
+from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import (
@@ -67,12 +67,16 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.numerics.chebyshev import TimeGrid
-from framework.singularity.piecewise_measure import PANEL_NODES
-from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
+from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.singularity.bordered_system import root_of_g
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-MAX_JOINT_TRAVEL = 0.02  # [rad, robot lengths] from the middle of the panel to either end
+MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
+PANEL_NODES = 24  # an even number, so that no node is in the middle
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
+MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
+SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
 
 
 def dynamics_at(
@@ -213,7 +217,7 @@ def _forces_through_singularity(
             the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
     dx, ddx, _ = rates
-    singular = apply_wrenches(robot, motion_at(robot, closed, dx[None], ddx[None]), wrenches)
+    singular = motion_at(robot, closed, dx[None], ddx[None])
     motion = _TaylorMotion(robot, closed.x, singular, rates, wrenches)
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
@@ -225,12 +229,8 @@ def _forces_through_singularity(
             "the motion stands still on a Type 2 singularity: no law can rest on the locus"
         )
     half_panel = motion.choose_half_panel()
-    # an even number of nodes, so that none is in the middle, at the singularity
-    grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
-    beside = motion.evaluate(grid.times)
-    motion.check_crossing(beside)
-    motion.check_condition(uncontrolled)
-    return motion.interpolate_forces(grid, beside)
+    motion.check_condition(motion.find_crossing(half_panel))
+    return motion.interpolate_forces(half_panel)
 
 
 class _TaylorMotion(NamedTuple):
@@ -269,6 +269,10 @@ class _TaylorMotion(NamedTuple):
         closed = close_loops(self.robot, self.x + displacement, guess)
         return apply_wrenches(self.robot, motion_at(self.robot, closed, dx, ddx), self.wrenches)
 
+    def type2_matrices(self, times: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
+        return type2_matrix(self.robot, self.evaluate(times).linearised)
+
     def choose_half_panel(self) -> float:
         """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
 
@@ -284,37 +288,43 @@ class _TaylorMotion(NamedTuple):
         with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
             return float(np.min((factorials * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
 
-    def check_crossing(self, beside: Motion) -> None:
-        """Raise SingularPose unless the motion passes from one side of the locus to the other.
-
-        With redundant motors g has a double root at the locus, without a change of sign, and is not checked.
+    def find_crossing(self, half_panel: float) -> float:
+        """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
 
         Args:
-            beside: the motion at ascending instants, from before to after t = 0.
-        """
-        robot = self.robot
-        if robot.n_a > robot.n:
-            return
-        both_ends = type2_matrix(robot, beside.linearised)[[0, -1]]
-        signs, _log_sizes = np.linalg.slogdet(both_ends)  # the determinant is a measure g, up to a factor
-        is_regular = np.linalg.svd(both_ends, compute_uv=False).min() > RANK_LOST
-        if np.prod(signs) > 0 or not is_regular:
-            raise self.make_error(
-                "the motion does not cross the Type 2 singularity but runs along or touches it: torque is "
-                "then a limit that needs more than the jerk; plan the motion"
-            )
+            half_panel: half the width [s] of the panel on which the instant is sought.
 
-    def check_condition(self, uncontrolled: Uncontrolled) -> None:
-        """Raise SingularPose if the motion violates condition (8) at t = 0.
+        Raises:
+            SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+        """
+        if self.robot.n_a > self.robot.n:
+            return 0.0  # with redundant motors g has a double root, without a change of sign
+        root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
+        both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
+        signs, _log_sizes = np.linalg.slogdet(both_sides)  # the determinant is a measure g, up to a factor
+        changes_sign = np.prod(signs) < 0
+        is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
+        is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
+        if is_at_root and changes_sign and is_regular:
+            return root.place
+        raise self.make_error(
+            "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
+            "limit that needs more than the jerk; plan the motion"
+        )
+
+    def check_condition(self, instant: float) -> None:
+        """Raise SingularPose if the motion violates condition (8) at an instant [s].
 
         With the inertia of all bodies, condition (8), t_s . W_p = 0, reads eta . r = 0. eta are the joint
         rates of the uncontrolled motion, whose platform twist t_s has unit size, and r the forces of the open
         tree. eta . r is therefore a force, or a moment if the platform only turns.
         """
         robot = self.robot
-        (r,) = tree_forces(robot, self.singular)  # of the one instant
+        motion = self.evaluate(np.array([instant]))
+        uncontrolled = uncontrolled_motion(robot, motion.linearised)
+        (r,) = tree_forces(robot, motion)  # of the one instant
         terms = r * uncontrolled.motion  # (nv,), whose sum is eta . r
-        rate = np.abs(self.singular.v / robot.column_scale).max()
+        rate = np.abs(motion.v / robot.column_scale).max()
         escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
         # if all terms are rounding, their scale is the centripetal force of the robot's mass at its length
         centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
@@ -328,26 +338,32 @@ class _TaylorMotion(NamedTuple):
                 wrench,
             )
 
-    def interpolate_forces(self, grid: TimeGrid, beside: Motion) -> Forces:
+    def interpolate_forces(self, half_panel: float) -> Forces:
         """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
 
-        Args:
-            grid: nodes on both sides of t = 0, none of them at t = 0.
-            beside: the motion at these nodes.
+        The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
 
         Raises:
-            SingularPose: the series of the forces is not resolved.
+            SingularPose: the series is not resolved.
         """
         robot = self.robot
-        forces = balanced_forces(robot, beside.linearised, tree_forces(robot, beside))
-        function = grid.fit(np.concatenate(forces, axis=1))
-        if function.tail > TORQUE_TAIL:
-            raise self.make_error(
-                f"the torques near the Type 2 singularity are not resolved (tail {function.tail:.2g}): "
-                f"another singularity is very near"
-            )
-        value = function(np.zeros(1))
-        return Forces(joint_torque=value[:, : robot.n_a], spring_force=value[:, robot.n_a :])
+        least_tail = np.inf
+        for halvings in range(MAX_HALVINGS):
+            edges = np.array([-half_panel, half_panel]) / 2**halvings
+            try:
+                motion = self.evaluate(TimeGrid(edges, PANEL_NODES).times)
+            except NotAssembled:
+                continue  # a shorter motion may stay within reach
+            forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
+            series = coefficients(np.concatenate(forces, axis=1))
+            least_tail = min(least_tail, tail(series))
+            if tail(series) <= TORQUE_TAIL:
+                value = evaluate(np.zeros(1), series)  # in the middle of the panel
+                return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+        raise self.make_error(
+            f"the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): another "
+            f"singularity is very near"
+        )
 
 
 # ------------------------------------------------------------------ derivatives
