@@ -24,7 +24,7 @@ from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_a
 from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.equation_terms import BASE, Term, loop_term, stretched_length
 from framework.proofs.interval_newton import LinearEnclosure, contract, damped_inverses
-from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, identity_defect
+from framework.proofs.rounding import ROUND_UP, identity_defect
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 MAX_JOINTS = 4  # of a leg that is paved
@@ -225,7 +225,7 @@ def _bound_slides(robot: ParallelRobot, q: Array, x: Array | None) -> float:
     platform's coordinates x (n,) prescribe; None without x.
     """
     prescribed = robot.rows.reach.sum() + (0.0 if x is None else np.abs(x).sum())  # [m]
-    return REACH_MARGIN * (stretched_length(robot, q) + float(prescribed) / robot.length)
+    return ROUND_UP * (stretched_length(robot, q) + float(prescribed) / robot.length)
 
 
 def _is_bounded(equations: DerivativeBounds, slide: int) -> bool:
