@@ -222,9 +222,5 @@ def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
     s, demand = film.law(film.time), film.motors.force_along(twist)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
-
-    def move(t: float) -> None:
-        """Move the dot to instant t [s]."""
-        dot.set_data([np.interp(t, film.time, s)], [np.interp(t, film.time, demand)])
-
-    return _Mark(dot, _end_time(film), move)
+    curve = np.column_stack([s, demand])[:, None]  # (F, 1, 2)
+    return _Mark(dot, _end_time(film), lambda t: dot.set_data(curve[film.frame_at(t)].T))
