@@ -65,7 +65,7 @@ def are_leg_solutions_complete(
     slide_reach = _bound_slides(robot, q, x)
     equations = collect_leg_equations(robot, own, fixed, q, x, slide_reach)
     is_slide = robot.sliding[own]
-    if not equations.terms or not all(_is_bounded(equations, k) for k in np.flatnonzero(is_slide)):
+    if not equations.terms or not all(_is_bounded(equations, k) for k in np.flatnonzero(is_slide).tolist()):
         return False
     residuals = equations.enclose(candidates, np.zeros_like(candidates)).values  # (c, m)
     points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
@@ -181,7 +181,7 @@ def collect_leg_equations(
     rows = robot.rows
     moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
     loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
-    terms = [loop_term(rows, row, number) for number, row in enumerate(loops)]
+    terms = [loop_term(rows, row, number) for number, row in enumerate(loops.tolist())]
     constants = rows.constant[loops].tolist()
     if x is not None and carried[0, own].any() and not carried[0, free].any():
         for kind, axes, value in _platform_equations(robot, q, x):

@@ -106,7 +106,7 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     return ax
 
 
-def _draw_cells(workspace: WorkspaceMap, values: Array, ax: Axes, **colours: Any) -> QuadMesh:
+def _draw_cells(workspace: WorkspaceMap, values: np.ma.MaskedArray, ax: Axes, **colours: Any) -> QuadMesh:
     """Draw masked values (I, J) as coloured cells about the poses of the window."""
     spans = workspace.window.spans
     return ax.pcolormesh(*spans, values.T, shading="nearest", rasterized=True, linewidth=0, **colours)
