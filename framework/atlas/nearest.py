@@ -26,28 +26,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput, NotAssembled, finite_numbers
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import (
+    assembled_at,
+    linearised_at,
+    passive_matrix,
+    type1_matrix,
+    type2_matrix,
+)
+from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
-from framework.singularity.bordered_system import bordered_solution
+from framework.singularity.bordered_system import Border
+from framework.singularity.measure_gradient import measure_gradient
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
 MAX_STARTS = 8  # of Newton's method for foot points, on the shortest rays that meet the locus
-FAR_RATIO = 1.25  # segments that start beyond this ratio times the distance of the nearest end are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
-DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
 WALKS, WALK_STEPS = 64, 60  # random walks that sample poses; steps of each
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]
 STARTS = 3  # largest number of searches for the pose nearest to a target
@@ -156,10 +162,6 @@ class _Centre(NamedTuple):
         """Compute the sign of g (T,) at q (T, nq)."""
         return np.linalg.slogdet(self.type2_matrices(q)).sign
 
-    def compute_g(self, q: Array) -> Array:
-        """Compute g (T,) at q (T, nq), with the border vectors of the first pose for all."""
-        return bordered_solution(self.type2_matrices(q), border_of=0).g
-
     def type2_matrices(self, q: Array) -> Array:
         """Compute the matrices (T, s, s) at q (T, nq) that lose rank at Type 2."""
         return type2_matrix(self.robot, linearised_at(self.robot, q, None))
@@ -213,9 +215,8 @@ def _spread_directions(n: int) -> Array:
 def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegments]:
     """Follow rays (K, n) from the centre; return segments with sign changes of g, segments with ends.
 
-    The rays are vectors of equal length [robot lengths, rad]. Only the segments nearest to the centre are
-    returned (`_join_nearest`). A ray ends with its first segment in which g changes its sign or the branch
-    ends.
+    The rays are vectors of equal length [robot lengths, rad]. A ray ends with its first segment in which g
+    changes its sign or the branch ends.
     """
     count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # segments of a ray
     q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
@@ -237,17 +238,7 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
         rays = rays[continues]
         if not len(rays):
             break
-    return _join_nearest(crossed), _join_nearest(ended)
-
-
-def _join_nearest(segments: list[_RaySegments]) -> _RaySegments:
-    """Join the segments that start within FAR_RATIO times the distance of the nearest end.
-
-    Segments farther away cannot hold the nearest pose.
-    """
-    joined = join(segments)
-    nearest_end = np.linalg.norm(joined.end, axis=1).min(initial=np.inf)
-    return select(joined, np.linalg.norm(joined.start, axis=1) <= FAR_RATIO * nearest_end)
+    return join(crossed), join(ended)
 
 
 def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
@@ -324,46 +315,41 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
     towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
-    the slopes are zero, or near the end of a branch.
+    the slopes are zero, or at the end of a branch.
     """
-    q, z = pose  # configuration (nq,), offset (n,) from the centre
     for _ in range(MAX_FOOT_STEPS):
-        linearised = _linearise_g(centre, q, z)
-        if linearised is None:
+        try:
+            g, a = _linearise_g(centre, pose)
+        except NotAssembled:
             return None
-        g, a = linearised
         square = a @ a
         if not square > 0:  # zero, or NaN
             return None
-        step = a * (a @ z - g) / square - z
+        step = a * (a @ pose.z - g) / square - pose.z
         distance = float(np.linalg.norm(step))
         if distance < NEWTON_STEP:
-            return _Poses(q, z) if abs(g) < RANK_LOST else None
+            return pose if abs(g) < RANK_LOST else None
 
-        next_z = z + min(1.0, RAY_STEP / distance) * step
-        end = centre.step(q[None], z[None], next_z[None], STEP_PARTS)
+        next_z = pose.z + min(1.0, RAY_STEP / distance) * step
+        end = centre.step(pose.q[None], pose.z[None], next_z[None], STEP_PARTS)
         if end.reason[0] != PoseReason.REACHED:
             return None
-        q = end.q[0]
-        z = next_z
+        pose = _Poses(end.q[0], next_z)
     return None
 
 
-def _linearise_g(centre: _Centre, q: Array, z: Array) -> tuple[float, Array] | None:
-    """Compute g and its slopes (n,) along z at the configuration q (nq,), with the offset z (n,).
+def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
+    """Compute g and its slopes (n,) along the offset z at one pose.
 
-    The slopes are central differences between neighbours of z along the axes. The result is None if a
-    neighbour is not reached, near an end of the branch.
+    Raises:
+        NotAssembled: the platform does not determine the joints, at the end of a branch.
     """
-    units = np.eye(len(z))
-    neighbours = z + DIFFERENCE_STEP * np.concatenate([0 * units[:1], units, -units])  # (2 n + 1, n), z first
-    copies = (len(neighbours), 1)
-    step = centre.step(np.tile(q, copies), np.tile(z, copies), neighbours)
-    if (step.reason != PoseReason.REACHED).any():
-        return None
-    g = centre.compute_g(step.q)
-    g_forward, g_backward = np.split(g[1:], 2)
-    return g[0], (g_forward - g_backward) / (2 * DIFFERENCE_STEP)
+    robot = centre.robot
+    linearised = linearised_at(robot, pose.q[None], None)
+    measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
+    unit_twists = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))[0].T  # (n, n), one a row
+    rates = joint_rates(robot, linearised, unit_twists[:, None])[:, 0]  # (n, nv)
+    return measure.g[0], (rates @ measure.by_q[0]) * robot.platform_scale
 
 
 # ------------------------------------------------------------------ targets out of reach

@@ -2,8 +2,8 @@
 
 Each equation is a weighted product of two vectors less a constant. The vectors come from two frames, and
 there are three kinds of products (`LoopRows`). The modules that compute values and derivatives
-(`kinematics.closures`), bounds over boxes (`proofs.derivative_bounds`, `proofs.leg_paving`) and algebraic
-terms (`proofs.equation_terms`) implement the three products for every weight and constant. A new kind of row
+(`kinematics.closures`), bounds over boxes (`proofs.derivative_bounds`) and algebraic terms
+(`proofs.equation_terms`) implement the three products for every weight and constant. A new kind of row
 therefore needs an entry in `ROW_KINDS` and nothing else; `description.locked_axes` says which closures have
 it.
 """

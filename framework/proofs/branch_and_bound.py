@@ -14,10 +14,9 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
-from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
+from framework.proofs.rounding import ROUND_UP, gamma
 
 BATCH = 1024  # pieces tested at a time
-MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # bound on the error of a middle, over 1 + |middle|; added to the radii
 NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
 K = TypeVar("K")
@@ -100,7 +99,7 @@ class Boxes(NamedTuple):
         Radii are rounded up, so that no point between the offsets is lost.
         """
         middle = self.middle + 0.5 * (lower + upper)
-        rounding = MIDDLE_ROUNDING * (1.0 + np.abs(self.middle))
+        rounding = gamma(2) * (1.0 + np.abs(self.middle))  # of the middle
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
     def halve(self, axis: IntArray) -> Boxes:

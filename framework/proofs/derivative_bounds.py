@@ -20,6 +20,7 @@ derivative mixes joints of its two chains. Pinocchio's results at the middle of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ from framework.proofs.equation_terms import (
     list_unbounded_joints,
     stretched_length,
 )
+from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
@@ -56,13 +58,18 @@ class _ChainDerivatives(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DerivativeBounds:
-    """The R equations of a robot, of platform and loops, in its k `moving` joints, with their scales."""
+    """R equations of platform and loops in k unknown joints, with their scales.
+
+    An equation is linear in joints, or the sum of its terms less a constant is zero.
+    """
 
     robot: ParallelRobot
+    origin: Array  # (nq,) configuration with the offsets zero
+    unknowns: IntArray  # (k,) columns of the unknown joints in the velocity vector
     terms: list[Term]  # of the equations; none for a platform whose coordinates are joints
-    chains: dict[Ends, Chain]  # of the terms
+    linear: Array  # (R, k) slopes of equations without terms; 0 for all others
+    constants: Array  # (R,) that are subtracted from the sums of terms
     row_scale: Array  # (R,) reciprocal of the unit of each equation
-    column_scale: Array  # (k,) unit of each joint
     rounding: float  # bound on the error of values and derivatives at one configuration, dimensionless
 
     @staticmethod
@@ -80,15 +87,30 @@ class DerivativeBounds:
             )
         max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])  # of all slides together
         max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
-        terms = collect_terms(robot)
+        equations = robot.n + len(robot.loops.names)
+        linear = np.zeros((equations, len(robot.moving)))
+        if isinstance(robot.platform, JointPlatform):
+            linear[: robot.n] = robot.moving == robot.platform.columns[:, None]
         return DerivativeBounds(
             robot=robot,
-            terms=terms,
-            chains={term.ends: chain_between(robot, term.ends) for term in terms},
+            origin=robot.reference.q,
+            unknowns=robot.moving,
+            terms=collect_terms(robot),
+            linear=linear,
+            constants=np.append(np.zeros(robot.n), robot.loops.constant),
             row_scale=1.0 / equation_sizes(robot),
-            column_scale=robot.column_scale[robot.moving],
             rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )
+
+    @cached_property
+    def chains(self) -> dict[Ends, Chain]:
+        """Chains of the terms."""
+        return {term.ends: chain_between(self.robot, term.ends, self.unknowns) for term in self.terms}
+
+    @property
+    def column_scale(self) -> Array:
+        """Units (k,) of the joints."""
+        return self.robot.column_scale[self.unknowns]
 
     @property
     def scale(self) -> Array:
@@ -96,8 +118,14 @@ class DerivativeBounds:
         return self.row_scale[:, None] * self.column_scale
 
     def configurations(self, u: Array) -> Array:
-        """Return configurations (S, nq) offset from the reference by u (S, k) [rad, robot lengths]."""
-        return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
+        """Return configurations (S, nq) offset from `origin` by u (S, k) [rad, robot lengths]."""
+        return integrate_columns(self.robot, self.origin, self.unknowns, u * self.column_scale)
+
+    def enclose(self, middle: Array, radii: Array) -> LinearEnclosure:
+        """Enclose the R equations in boxes of middles and radii (S, k) [rad, robot lengths]."""
+        derivatives = self.evaluate(self.configurations(middle))
+        errors = derivatives.remainders(radii).values
+        return LinearEnclosure(derivatives.values, derivatives.slopes, errors)
 
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the R equations, Jacobians and Hessians along k joints at q (S, nq).
@@ -105,25 +133,20 @@ class DerivativeBounds:
         Each term contributes to one row, along the joints of one chain. All results are dimensionless: rows
         are divided by their units, columns multiplied by the units of the joints.
         """
-        robot = self.robot
-        frames = frames_at(robot, q)
+        frames = frames_at(self.robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
 
         # sum the terms, in m and rad
         scale = self.scale
-        values = np.zeros((len(q), len(scale)))
-        slopes = np.zeros((len(q), *scale.shape))
-        hessians = np.zeros((*slopes.shape, len(self.column_scale)))
-        if isinstance(robot.platform, JointPlatform):
-            slopes[:, : robot.n] = robot.platform.jacobian(frames)[:, :, robot.moving]
+        values = np.tile(-self.constants, (len(q), 1))
+        slopes = np.tile(self.linear, (len(q), 1, 1))
+        hessians = np.zeros((*slopes.shape, len(self.unknowns)))
         for term in self.terms:
             chain = self.chains[term.ends]
             value, first, second = _differentiate_term(term, chain, chains[term.ends], frames)
             values[:, term.row] += value
-            slopes[:, term.row, chain.in_moving] += first
-            hessians[:, term.row, chain.in_moving[:, None], chain.in_moving] += second  # all pairs of joints
-        values[:, robot.n :] -= robot.loops.constant
-
+            slopes[:, term.row, chain.unknowns] += first
+            hessians[:, term.row, chain.unknowns[:, None], chain.unknowns] += second  # all pairs of joints
         hessians *= scale[:, :, None] * self.column_scale
         return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
 
@@ -174,8 +197,8 @@ class Derivatives(NamedTuple):
         thirds = np.zeros_like(self.hessians)
         for term in self.bounds.terms:
             chain = self.bounds.chains[term.ends]
-            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.in_moving])
-            thirds[:, term.row, chain.in_moving[:, None], chain.in_moving] += bound
+            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.unknowns])
+            thirds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
         return ROUND_UP * thirds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
 
 

@@ -2,12 +2,11 @@
 
 A term is a product of vectors that turn with the joints: an axis of one frame, and an axis or the origin of
 another. Its chain is the joints that move the second frame relative to the first. `derivative_bounds`
-collects the terms once for each robot.
+collects the terms once for each robot, `leg_paving` those of one leg.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -56,10 +55,10 @@ Ends = tuple[int, int]  # first and second frame, as indices into Mechanism.fram
 
 
 class Chain(NamedTuple):
-    """The L moving joints between two frames."""
+    """The L unknown joints between two frames."""
 
     ends: Ends  # the two frames
-    in_moving: IntArray  # (L,) indices of the joints in `ParallelRobot.moving`
+    unknowns: IntArray  # (L,) indices of the joints among the unknowns of the equations
     columns: IntArray  # (L,) indices of the joints in pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame, else 1
     turns: BoolArray  # (L,) whether the joint is a hinge
@@ -93,49 +92,47 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
             terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)
     for row in range(len(robot.loops.names)):
-        terms.extend(_loop_terms(robot, row, base_axes.get(row)))
+        number = robot.n + row  # of the equation; those of the platform come first
+        if row in base_axes:  # the origin of the second frame less the origin of the first
+            for frame, factor in ((robot.loops.second[row], 1.0), (robot.loops.first[row], -1.0)):
+                terms.append(Term(number, (BASE, frame), "point", base_axes[row], factor=factor))
+        else:
+            terms.append(loop_term(robot.loops, row, number))
     return terms
 
 
-def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
-    """Yield the one or two terms of loop equation `row`.
+def loop_term(rows: LoopRows, row: int, number: int) -> Term:
+    """Return the term of loop equation `row`, along the chain between both frames.
 
-    An equation on a base axis `base_axis` (0..2; None for all others) has two terms: the origin of the second
-    frame less the origin of the first. Any other equation has one term, along the chain between both frames.
-    It is the product of an axis of the first frame with an axis of the second frame (direction) or with its
-    origin (point), or the squared distance between the origins (square).
+    The term is the product of an axis of the first frame with an axis of the second frame (direction) or with
+    its origin (point), or the squared distance between the origins (square). The result is a term of equation
+    `number`.
     """
-    loops = robot.loops
-    number = robot.n + row  # of the equation; those of the platform come first
-    first = loops.first[row]
-    second = loops.second[row]
-    if base_axis is not None:
-        yield Term(number, (BASE, second), "point", base_axis)
-        yield Term(number, (BASE, first), "point", base_axis, factor=-1.0)
-        return
-    kind = "square" if loops.square[row] else "point"
-    if loops.rotation[row]:
+    kind = "square" if rows.square[row] else "point"
+    if rows.rotation[row]:
         kind = "direction"
-    axes = loops.first_axis[row], loops.second_axis[row]
-    yield Term(number, (first, second), kind, *axes, loops.weight[row])
+    ends = rows.first[row], rows.second[row]
+    return Term(number, ends, kind, rows.first_axis[row], rows.second_axis[row], rows.weight[row])
 
 
-def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
-    """Return the chain of the moving joints between two frames, `ends` (first, second)."""
-    moving = robot.moving.tolist()  # columns of the velocity vector
+def chain_between(robot: ParallelRobot, ends: Ends, unknowns: IntArray) -> Chain:
+    """Return the chain of unknown joints between two frames, `ends` (first, second).
+
+    `unknowns` (k,) are columns of the velocity vector. All other joints count as fixed.
+    """
+    columns = unknowns.tolist()
     indices = list[int]()
     signs = list[float]()
-    for joint, sign in joints_between(robot, *ends):
+    for joint, sign in _joints_between(robot, *ends):
         column = robot.model.joints[joint].idx_v
-        if column in moving:
-            indices.append(moving.index(column))
+        if column in columns:
+            indices.append(columns.index(column))
             signs.append(sign)
-    in_moving = np.array(indices, dtype=np.intp)
-    columns = robot.moving[in_moving]
-    return Chain(ends, in_moving, columns, np.array(signs), ~robot.sliding[columns])
+    chosen = np.array(indices, dtype=np.intp)
+    return Chain(ends, chosen, unknowns[chosen], np.array(signs), ~robot.sliding[unknowns[chosen]])
 
 
-def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
+def _joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
     """Return the joints from one frame (or BASE) to another, each with a sign.
 
     The sign is -1 if the joint carries the first frame, and 1 if it carries the second. Joints that carry

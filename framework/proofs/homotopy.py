@@ -31,7 +31,6 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.proofs.krawczyk import Enclosures, are_apart, choose_chart, enclose_solutions
-from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import (
     ComplexArray,
     Displacements,
@@ -45,13 +44,13 @@ from framework.tolerances import (
     ENDGAME_MIN_EXPONENT,
     LEG_COEFFICIENT_ROUNDING,
     NEWTON_STEP,
+    RANK_ROUNDING,
 )
 
 MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
-MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
 ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
@@ -173,8 +172,8 @@ def _count_paths(
 ) -> PathCount:
     """Count the paths by their ends; paths with the same end count once.
 
-    A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without a
-    proof is infinite if the endgame says so, and multiple if it is real.
+    A proved end is at infinity if the first member of the group is zero there but for rounding. An end
+    without a proof is infinite if the endgame says so, and multiple if it is real.
 
     Args:
         ends: of all paths, arrived or not.
@@ -185,8 +184,8 @@ def _count_paths(
     """
     proved = proof.proved
     # (S,) each, of the paths that arrived
-    is_infinite = ends.infinite[ends.arrived] & ~proved
-    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
+    is_at_infinity = displacement_sizes(group, z) > 1.0 / RANK_ROUNDING
+    is_infinite = np.where(proved, is_at_infinity, ends.infinite[ends.arrived])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
     return PathCount(
@@ -197,22 +196,6 @@ def _count_paths(
     )
 
 
-def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
-    """Return whether polydiscs of `radii` about z (S, N) provably hold no point at infinity, (S,).
-
-    At infinity z' A z = 0, with the real `quadric` A (N, N). Within radii r (S, N) the value z' A z changes
-    by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
-    rounding, the polydisc holds no point at infinity.
-    """
-    slopes = z @ quadric
-    value = np.abs(np.sum(slopes * z, axis=1))
-    A_size = np.abs(quadric)
-    z_size = np.abs(z)
-    max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
-    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
-    return value > ROUND_UP**2 * (max_change + 2 * rounding)
-
-
 # ------------------------------------------------------------------ solution paths
 
 
@@ -220,7 +203,7 @@ class StartSystem(NamedTuple):
     """A random system of linear conditions on a group, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
-    z: ComplexArray  # (bound, N), or fewer if monodromy missed some
+    z: ComplexArray  # (bound, N)
 
 
 @cache
@@ -239,15 +222,13 @@ def solve_start_system(group: Displacements) -> StartSystem:
     system /= np.linalg.norm(system, axis=1, keepdims=True)
 
     solutions = z[None]  # (known solutions, N)
-    for _ in range(MONODROMY_ROUNDS):
+    while len(solutions) < group.bound:
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
         # back to the same system by another way, on which the solutions may change places
         back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
         candidates = np.concatenate([solutions, back.z[back.arrived]])
         solutions = candidates[first_occurrences(candidates)]
-        if len(solutions) >= group.bound:
-            break
     return StartSystem(system, solutions)
 
 

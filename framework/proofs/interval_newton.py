@@ -15,14 +15,10 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray
 from framework.proofs.rounding import (
     ROUND_UP,
-    UNIT_ROUNDOFF,
     approximate_inverses,
     gamma,
     identity_defect,
 )
-
-MAX_CONTRACTION = 0.99  # norm of 1 - X M; with a larger one M may be singular
-MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 
 
 class LinearEnclosure(NamedTuple):
@@ -74,15 +70,15 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
     terms = np.abs(slopes) * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)  # (S, m + p)
     others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) the errors and all terms but j
-    is_useful = terms > MIN_TERM_RATIO * totals[:, :, None]
 
     # each equation bounds each unknown; the intersection of all intervals remains
-    with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)  # middle of the interval
-        rounding = 8 * UNIT_ROUNDOFF * np.abs(root)
-        half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
-    lower = np.maximum((root - half_width).max(axis=1), -radii)
-    upper = np.minimum((root + half_width).min(axis=1), radii)
+    with np.errstate(all="ignore"):  # an unknown with the slope 0 has infinite bounds, or NaN
+        root = -values[:, :, None] / slopes  # middle of the interval
+        half_width = ROUND_UP * others / np.abs(slopes) + gamma(1) * np.abs(root)
+        lowest = np.fmax.reduce(root - half_width, axis=1)  # fmax and fmin skip NaN
+        highest = np.fmin.reduce(root + half_width, axis=1)
+    lower = np.fmax(lowest, -radii)
+    upper = np.fmin(highest, radii)
 
     is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)  # an equation is zero nowhere in the box
     lower[is_impossible] = 1.0  # lower > upper marks an empty box
@@ -187,7 +183,7 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
 
     row_sums = ROUND_UP * (identity_defect(X, M) + X_size @ M_errors).sum(axis=2)  # (S, k) of N
     norm = row_sums.max(axis=1)
-    valid = norm < MAX_CONTRACTION
+    valid = norm < 1.0
 
     residual_rounding = gamma(k) * (np.matvec(np.abs(M), z_size) + e)
     residual = np.abs(e - np.matvec(M, z)) + residual_rounding

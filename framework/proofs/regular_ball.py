@@ -38,7 +38,6 @@ from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Re
 from framework.proofs.equation_terms import list_unbounded_joints
 from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
 from framework.proofs.rounding import (
-    REACH_MARGIN,
     ROUND_UP,
     WIDENING_RATIO,
     approximate_inverses,
@@ -50,9 +49,8 @@ from framework.tolerances import LOOP_GAP
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
-MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
-MAX_TURN = np.pi / 2 / REACH_MARGIN  # [rad] of a ball; beyond a right angle the sine has two angles
+MAX_TURN = np.pi / 2 / ROUND_UP  # [rad] of a ball; beyond a right angle the sine has two angles
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
 PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
@@ -91,10 +89,10 @@ def prove_regular_ball(
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
-    First `within` [robot lengths, rad] is halved repeatedly. Then radii in small steps are tried, from the
-    largest proved one to its double.
+    First `within` [robot lengths, rad] is halved repeatedly, down to rounding. Then radii in small steps are
+    tried, from the largest proved one to its double.
     """
-    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(MAX_HALVINGS)))
+    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(np.finfo(float).nmant)))
     if not halved:
         return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -350,8 +348,7 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
         bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
-        is_contraction = _spectral_radius_below_one(bound, radii)
-        proved = (image < radii).all(axis=1) & is_contraction & newton.Y.any(axis=(1, 2))
+        proved = (image < radii).all(axis=1) & _spectral_radius_below_one(bound) & newton.Y.any(axis=(1, 2))
         return _JointBoxes(proved, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
@@ -396,18 +393,15 @@ def _passive_block_is_regular(
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, boxes.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
     N = ROUND_UP * (N + Y_size @ P_errors)
-    return _spectral_radius_below_one(N, np.ones((1, s))) & Y.any(axis=(1, 2))
+    return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))
 
 
-def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
-    """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,).
+def _spectral_radius_below_one(N: Array) -> BoolArray:
+    """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,); False if undecided.
 
-    This holds if N w < w for a vector w > 0 (Collatz 1942). The vectors tried are the `weights` (S, k), ones,
-    and the shifted row sums, which are close to the Perron eigenvector.
+    This holds if N w < w for a vector w > 0 (Collatz 1942). The vector tried is that of the shifted row sums,
+    which is close to the Perron eigenvector.
     """
     sums = N.sum(axis=2)
-    near_perron = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)
-    is_below = np.zeros(len(N), dtype=bool)
-    for w in (weights, np.ones_like(sums), near_perron):
-        is_below |= (ROUND_UP * np.matvec(N, w) < w).all(axis=1)
-    return is_below
+    w = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)
+    return np.asarray((ROUND_UP * np.matvec(N, w) < w).all(axis=1))

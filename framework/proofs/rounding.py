@@ -15,7 +15,6 @@ import numpy as np
 from framework.numerics.arrays import Array
 
 UNIT_ROUNDOFF = np.finfo(float).eps / 2
-REACH_MARGIN = 1.01  # factor on a computed length that makes it a bound, far above rounding
 WIDENING_RATIO = 1.1  # of a box to the image of the box tested before
 ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-negative numbers
 

@@ -329,5 +329,4 @@ def _draw_force_polygons(film: Film, ax: Axes, line: Array, limit: Array, frame:
     along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
     for k in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
         corners = line[k] + scale * convex_hull(vertices[k])
-        ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))
-        ax.add_patch(Polygon(corners, fill=False, edgecolor=GIVEN, linewidth=0.8, zorder=3.6))
+        ax.add_patch(Polygon(corners, facecolor=(GIVEN, 0.18), edgecolor=GIVEN, linewidth=0.8, zorder=3.5))

@@ -168,19 +168,18 @@ def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
 def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:
     """Describe how far the platform moves while the motors hardly move."""
     slides = robot.sliding[robot.actuated]
-    platform, motors = [], []
-    if loose.shift > 0:
-        platform.append(f"{1e3 * loose.shift:.3g} mm")
-    if loose.turn > 0:
-        platform.append(f"{loose.turn:.2g} rad")
-    if slides.any():
-        motors.append(f"{1e3 * loose.motors[slides].max():.2g} mm")
-    if not slides.all():
-        motors.append(f"{loose.motors[~slides].max():.2g} rad")
+    platform = _list_motions(loose.shift, loose.turn)
+    motors = _list_motions(loose.motors[slides].max(initial=0.0), loose.motors[~slides].max(initial=0.0))
     return (
         f"It wobbles: {' with '.join(platform)} of the platform to either side take no more than "
         f"{' or '.join(motors)} of a motor."
     )
+
+
+def _list_motions(shift: float, turn: float) -> list[str]:
+    """Return a shift [m] and a turn [rad] in words; leave out zeros."""
+    motions = {f"{1e3 * shift:.3g} mm": shift, f"{turn:.2g} rad": turn}
+    return [words for words, motion in motions.items() if motion]
 
 
 def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:

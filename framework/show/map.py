@@ -6,15 +6,16 @@ of the pose under the pointer: one file, nothing fetched.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from html import escape
 from pathlib import Path as FilePath
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -48,6 +49,7 @@ from framework.show.style import (
     draw_curves,
     draw_dot,
     ensure_axes,
+    legend_above,
     line_style,
 )
 from framework.singularity.drawn_locus import locus_curves
@@ -83,7 +85,6 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     """Plot one quantity of a map, with the singular locus and a path on top."""
     quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
     ax = _make_axes(workspace, quantity)
-    edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     squares = []  # colours and labels for the legend
     for poses, colour, label in (
@@ -92,9 +93,9 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     ):
         if poses.any():
             shade = np.ma.masked_where(~poses, poses)
-            ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
+            _draw_cells(workspace, shade, ax, cmap=ListedColormap([colour]))
             squares.append((colour, f"{label}: {poses.sum()} poses"))
-    _draw_values(workspace, quantity, edges, ax)
+    _draw_values(workspace, quantity, ax)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
     _draw_path(workspace, path, ax, halo)
@@ -105,12 +106,17 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     return ax
 
 
-def _draw_values(workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes) -> None:
+def _draw_cells(workspace: WorkspaceMap, values: np.ma.MaskedArray, ax: Axes, **colours: Any) -> QuadMesh:
+    """Draw masked values (I, J) as coloured cells about the poses of the window."""
+    spans = workspace.window.spans
+    return ax.pcolormesh(*spans, values.T, shading="nearest", rasterized=True, linewidth=0, **colours)
+
+
+def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     """Draw the values of a quantity as colours, and the colour scale."""
     palette, norm = quantity_colours(workspace, quantity)
     values = workspace.values[quantity.key]
-    shown = np.ma.masked_invalid(values).T
-    mesh = ax.pcolormesh(*edges, shown, cmap=palette, norm=norm, rasterized=True, linewidth=0)
+    mesh = _draw_cells(workspace, np.ma.masked_invalid(values), ax, cmap=palette, norm=norm)
     finite = values[np.isfinite(values)]
     below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = ("both" if above else "min") if below else ("max" if above else "neither")
@@ -197,15 +203,10 @@ def map_title(workspace: WorkspaceMap) -> str:
     return f"{display_name(robot.name)}{flexible}: working mode of the reference{place}"
 
 
-def _window_edges(workspace: WorkspaceMap) -> list[Array]:
-    """Return the two outer edges (2,) of the cells, along both axes."""
-    return [cell_edges(span)[[0, -1]] for span in workspace.window.spans]
-
-
-def cell_edges(span: Array) -> Array:
-    """Return the edges (m + 1,) of the cells around equidistant values (m,)."""
-    half = 0.5 * (span[1] - span[0])
-    return np.append(span - half, span[-1] + half)
+def _window_edges(workspace: WorkspaceMap) -> Array:
+    """Return the two outer edges of the cells along both axes, (2, 2), one axis a row."""
+    window = workspace.window
+    return np.column_stack([window.lower - 0.5 * window.cell, window.upper + 0.5 * window.cell])
 
 
 def save_map_figures(
@@ -376,7 +377,7 @@ def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
 def _label_axes(ax: Axes, labels: list[str]) -> Axes:
     """Label both axes, and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    legend_above(ax, 2)
     return ax
 
 

@@ -51,9 +51,9 @@ def _still_picture(films: Sequence[Film], kind: str) -> bytes:
     """Draw the singular instant of one film, beside the eye of all films."""
     film = _film_to_draw(films)
     with use_style():
-        drawing, left, _ = _film_axes(films)
-        plot_still(film, left, limit=film_limit(film, films))
-        return figure_file(drawing, kind, dpi=100)
+        scene = _scene_beside_eye(films)
+        plot_still(film, scene.robots[0], limit=film_limit(film, films))
+        return figure_file(scene.drawing, kind, dpi=100)
 
 
 def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
@@ -62,7 +62,7 @@ def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
     end = max(film.time[-1] for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with use_style():
-        stage = _scene_of_one_film(films) if len(films) == 1 else _scene_of_films(films)
+        stage = _scene_beside_eye(films) if len(films) == 1 else _scene_of_films(films)
         _fix_limits(stage, times)
         pictures = _render(stage, times)
     pauses = [*instants, end]
@@ -137,11 +137,21 @@ class _Scene(NamedTuple):
             mark.move(min(t, mark.end))
 
 
-def _scene_of_one_film(films: Sequence[Film]) -> _Scene:
-    """Place the robot of one film beside the eye of the needle or its torques."""
-    drawing, left, marks = _film_axes(films)
-    robot_mark = _robot_mark(films[0], left, film_limit(films[0], films))
-    return _Scene(drawing, [left], [robot_mark, *marks])
+def _scene_beside_eye(films: Sequence[Film]) -> _Scene:
+    """Place one robot beside the eye of the needle of all films or, without a crossing, its torques."""
+    drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
+    left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
+    film = _film_to_draw(films)
+    limit = film_limit(film, films)
+    marks = [_robot_mark(film, left, limit)]
+    if film.instants:
+        plot_eyes(films, limit, right)
+        twist = twist_at_singularity(films)
+        marks += [_dot_mark(each, twist, right) for each in films]
+    else:
+        draw_torques(right, film.robot, film.time, film.torque)
+        marks.append(_time_mark(film, right))
+    return _Scene(drawing, [left], marks)
 
 
 def _scene_of_films(films: Sequence[Film]) -> _Scene:
@@ -204,27 +214,10 @@ def _film_to_draw(films: Sequence[Film]) -> Film:
     return next((film for film in films if film.proved), films[0])
 
 
-def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
-    """Make axes for the robot beside the eye or, without a crossing, the torques."""
-    drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
-    left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
-    film = _film_to_draw(films)
-    if film.instants:
-        plot_eyes(films, film_limit(film, films), right)
-        twist = twist_at_singularity(films)
-        return drawing, left, [_dot_mark(each, twist, right) for each in films]
-    draw_torques(right, film.robot, film.time, film.torque)
-    return drawing, left, [_time_mark(film, right)]
-
-
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
     """Return the mark of a dot on a film's curve in the eye."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
-
-    def move(t: float) -> None:
-        """Move the dot to instant t [s]."""
-        dot.set_data([np.interp(t, film.time, s)], [np.interp(t, film.time, demand)])
-
-    return _Mark(dot, _end_time(film), move)
+    curve = np.column_stack([s, demand])[:, None]  # (F, 1, 2)
+    return _Mark(dot, _end_time(film), lambda t: dot.set_data(curve[film.frame_at(t)].T))

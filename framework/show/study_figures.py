@@ -18,7 +18,7 @@ from framework.control.study import Study
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
 from framework.numerics.arrays import Array, BoolArray
 from framework.show.captions import display_name
-from framework.show.style import ALARM, AXIS, GOOD, draw_dashed, line_style, new_figure
+from framework.show.style import ALARM, AXIS, GOOD, draw_dashed, legend_above, line_style, new_figure
 
 CELL_SIZE = 1.5  # [in] of a cell
 AREAS = {
@@ -112,7 +112,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
     axes[-1].set_xlabel("path coordinate  $s$")
-    axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=2)
+    legend_above(axes[0], 2)
     return axes[0]
 
 
@@ -140,5 +140,5 @@ def plot_robustness(
     for limit in limits[limits < 2.0 * torques.get_xlim()[1]]:
         draw_dashed(torques, limit, ALARM, 0.8)
     torques.set_xlabel("peak motor torque  [N m]  (dashed: limits)")
-    errors.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0))
+    legend_above(errors)
     return errors

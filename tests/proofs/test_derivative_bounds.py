@@ -7,9 +7,8 @@ import robots
 from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import legs
-from framework.proofs import leg_paving
 from framework.proofs.derivative_bounds import DerivativeBounds
-from framework.proofs.leg_paving import are_leg_solutions_complete
+from framework.proofs.leg_paving import are_leg_solutions_complete, collect_leg_equations
 from framework.proofs.passive_joints import distinct_rows
 from framework.proofs.working_modes import working_modes
 from framework.tolerances import DISTINCT_SOLUTIONS
@@ -103,10 +102,10 @@ def test_no_equation_bends_more_than_its_bound(name):
     robot, rng = robots.load(name), np.random.default_rng(1)
     for leg in legs(robot):
         own, given = posed(robot, leg)
-        equations = leg_paving.LegEquations.of(robot, own, given, robot.reference.q, robot.reference.x)
+        equations = collect_leg_equations(robot, own, given, robot.reference.q, robot.reference.x, 2.0)
         r = 10.0 ** rng.uniform(-3, 0.5, (200, len(own)))
         c, xi = rng.uniform(-2, 2, r.shape), np.clip(rng.uniform(-1.5, 1.5, r.shape), -1, 1)
-        lines, there = equations(c, r), equations(c + xi * r, 0 * r).values
+        lines, there = equations.enclose(c, r), equations.enclose(c + xi * r, 0 * r).values
         rest = np.abs(there - lines.values - (lines.slopes @ (xi * r)[:, :, None])[:, :, 0])
         assert np.all(rest <= lines.errors)
 

@@ -24,7 +24,7 @@ from framework.model.loop_rows import RowKind
 from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.derivative_bounds import DerivativeBounds
-from framework.proofs.leg_paving import LegEquations
+from framework.proofs.leg_paving import collect_leg_equations
 from framework.proofs.working_modes import working_modes
 from tests.robots.every_robot import assert_same_torques
 from tests.robots.test_closures_of_all_kinds import without_right_rod
@@ -150,10 +150,10 @@ def test_bounds_along_a_leg_hold(kind):
         fixed[robot.moving] = False
         fixed[robot.moving[leg.needed]] = True
         own = robot.moving[leg.columns]
-        equations = LegEquations.of(robot, own, fixed, robot.reference.q, robot.reference.x)
+        equations = collect_leg_equations(robot, own, fixed, robot.reference.q, robot.reference.x, 2.0)
         r = 10.0 ** rng.uniform(-3, 0.5, (200, len(own)))
         c, share = rng.uniform(-2, 2, r.shape), rng.uniform(-1, 1, r.shape)
-        lines, there = equations(c, r), equations(c + share * r, 0 * r).values
+        lines, there = equations.enclose(c, r), equations.enclose(c + share * r, 0 * r).values
         rest = np.abs(there - lines.values - np.matvec(lines.slopes, share * r))
         assert np.all(rest <= lines.errors)
 
