@@ -31,6 +31,7 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.proofs.krawczyk import Enclosures, are_apart, choose_chart, enclose_solutions
+from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import (
     ComplexArray,
     Displacements,
@@ -44,7 +45,6 @@ from framework.tolerances import (
     ENDGAME_MIN_EXPONENT,
     LEG_COEFFICIENT_ROUNDING,
     NEWTON_STEP,
-    RANK_ROUNDING,
 )
 
 MAX_ATTEMPTS = 4  # each along other paths, while some are lost
@@ -172,8 +172,8 @@ def _count_paths(
 ) -> PathCount:
     """Count the paths by their ends; paths with the same end count once.
 
-    A proved end is at infinity if the first member of the group is zero there but for rounding. An end
-    without a proof is infinite if the endgame says so, and multiple if it is real.
+    A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without a
+    proof is infinite if the endgame says so, and multiple if it is real.
 
     Args:
         ends: of all paths, arrived or not.
@@ -184,8 +184,8 @@ def _count_paths(
     """
     proved = proof.proved
     # (S,) each, of the paths that arrived
-    is_at_infinity = displacement_sizes(group, z) > 1.0 / RANK_ROUNDING
-    is_infinite = np.where(proved, is_at_infinity, ends.infinite[ends.arrived])
+    is_infinite = ends.infinite[ends.arrived] & ~proved
+    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
     return PathCount(
@@ -194,6 +194,22 @@ def _count_paths(
         infinite=int(np.sum(is_new & is_infinite) + np.sum(never_arrived)),
         multiple=int(np.sum(is_new & is_multiple) + np.sum(ends.multiple)),
     )
+
+
+def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
+    """Return whether polydiscs of `radii` about z (S, N) provably hold no point at infinity, (S,).
+
+    At infinity z' A z = 0, with the real `quadric` A (N, N). Within radii r (S, N) the value z' A z changes
+    by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
+    rounding, the polydisc holds no point at infinity.
+    """
+    slopes = z @ quadric
+    value = np.abs(np.sum(slopes * z, axis=1))
+    A_size = np.abs(quadric)
+    z_size = np.abs(z)
+    max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
+    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
+    return value > ROUND_UP**2 * (max_change + 2 * rounding)
 
 
 # ------------------------------------------------------------------ solution paths
