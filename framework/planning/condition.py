@@ -23,7 +23,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at, type2_matrix
-from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
@@ -229,9 +229,8 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
     static = static_forces(robot, crossing.q[None], wrenches)[0]  # (nv,)
-    probe_speed = _matching_speed(branch, crossing, linearised, deflection)
-    motion = _probe_motions(branch, crossing, linearised, deflection, probe_speed)
-    rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static, probe_speed)
+    motion = _probe_motions(branch, crossing, linearised, deflection)
+    rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static)
     values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
     values[2:] += elastic_terms.sum(axis=1)  # adds the terms of moving springs to gamma and delta
 
@@ -246,28 +245,25 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     return Condition8(*values.tolist())
 
 
-def _joint_powers(
-    robot: ParallelRobot, escape: Array, motion: Motion, static: Array, probe_speed: float
-) -> tuple[Array, Array]:
+def _joint_powers(robot: ParallelRobot, escape: Array, motion: Motion, static: Array) -> tuple[Array, Array]:
     """Compute the power of each joint in the uncontrolled motion, for each coefficient.
 
-    The bilinear forces are half the difference of the inertial forces at s' = +probe_speed and -probe_speed.
-    The other forces need no difference.
+    The forces that are bilinear in s' and the deflection rates are the inertial forces of both motions at
+    once, less those of each motion alone.
 
     Args:
         escape: joint rates (nv,) of the uncontrolled motion.
-        motion: the five motions of `_probe_motions`.
+        motion: the four motions of `_probe_motions`.
         static: forces (nv,) of weight and external wrenches at rest.
-        probe_speed: s' [1/s] of the fourth motion.
 
     Returns:
         Powers (4, nv) with springs at rest, for alpha, beta, gamma and delta, and the additional powers
         (2, nv) of moving springs, for gamma and delta.
     """
     # powers (nv,) of the inertial forces in each motion, and of damping in the motions 1 and 2
-    by_acceleration, by_speed, by_springs, forwards, backwards = inertial_forces(robot, motion) * escape
+    by_acceleration, by_speed, by_springs, by_both = inertial_forces(robot, motion) * escape
     damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * escape
-    bilinear = 0.5 * (forwards - backwards) / probe_speed
+    bilinear = by_both - by_speed - by_springs
     rigid = np.array([by_acceleration, by_speed, static * escape, damping_by_speed])
     return rigid, np.array([by_springs + damping_by_springs, bilinear])
 
@@ -277,31 +273,28 @@ def _probe_motions(
     crossing: CrossingPoint,
     linearised: LinearisedLoops,
     deflection: Deflection | None,
-    probe_speed: float,
 ) -> Motion:
-    """Compute five motions at a crossing point that separate the terms of condition (8).
+    """Compute four motions at a crossing point that separate the terms of condition (8).
 
-    motion   s"   s'            springs
-    0        1    0             at rest
-    1        0    1             at rest
-    2        0    0             with the rates and accelerations of the deflections
-    3        0    probe_speed   with the rates of the deflections
-    4        0    -probe_speed  with the rates of the deflections
+    motion   s"   s'   springs
+    0        1    0    at rest
+    1        0    1    at rest
+    2        0    0    with the rates and accelerations of the deflections
+    3        0    1    with the rates and accelerations of the deflections
 
     Args:
         linearised: loop equations of the one pose at the crossing.
         deflection: deflections at the crossing; None for springs at rest.
-        probe_speed: s' [1/s] that `_matching_speed` chooses.
     """
     robot = branch.robot
-    accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])  # s"
-    speeds = np.array([0.0, 1.0, 0.0, probe_speed, -probe_speed])  # s'
-    elastic_rates, elastic_accelerations = np.zeros((2, 5, robot.n_e))
+    accelerations = np.array([1.0, 0.0, 0.0, 0.0])  # s"
+    speeds = np.array([0.0, 1.0, 0.0, 1.0])  # s'
+    elastic_rates, elastic_accelerations = np.zeros((2, len(speeds), robot.n_e))
     if deflection is not None:
         elastic_rates[2:] = deflection.rate
-        elastic_accelerations[2] = deflection.acceleration
-    x, dx, ddx = time_derivatives(branch.path, [np.full(5, crossing.s), speeds, accelerations])
-    repeated = linearised.select(np.zeros(5, dtype=np.intp))  # the one pose, five times
+        elastic_accelerations[2:] = deflection.acceleration
+    x, dx, ddx = time_derivatives(branch.path, [np.full(len(speeds), crossing.s), speeds, accelerations])
+    repeated = linearised.select(np.zeros(len(speeds), dtype=np.intp))  # the one pose, once a motion
     closed = ClosedStack(repeated.frames.q, x, repeated)
     return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
 
@@ -345,26 +338,3 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
         force, moment = np.linalg.norm(force_and_moment, axis=1)
         load += force + moment / robot.length
     return escape * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
-
-
-def _matching_speed(
-    branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, deflection: Deflection | None
-) -> float:
-    """Compute the s' [1/s] at which path and deflections move joints equally fast.
-
-    At this speed the difference of two motions that isolates their bilinear forces loses few digits. The
-    speed is 1 if either moves no joint.
-
-    Args:
-        linearised: loop equations of the one pose at the crossing.
-        deflection: deflections at the crossing; None for springs at rest.
-    """
-    if deflection is None:
-        return 1.0
-    robot = branch.robot
-    scale = robot.column_scale  # makes rates of sliding and turning joints comparable
-    twist = robot.platform.path_twist(branch.path, crossing.s)
-    tangent = joint_rates(robot, linearised, twist[None])  # dq/ds (1, nv)
-    path_rate = np.abs(tangent / scale).max()
-    elastic_rate = np.abs(deflection.rate / scale[robot.elastic]).max()
-    return elastic_rate / path_rate if path_rate and elastic_rate else 1.0
