@@ -79,14 +79,9 @@ class Feasibility:
         It is a root of beta s'^2 + delta s' + gamma.
         """
         _alpha, beta, gamma, delta = self.condition
-        discriminant = delta**2 - 4.0 * beta * gamma
-        roots = []
-        if beta != 0.0 and discriminant > 0:
-            root = np.sqrt(discriminant)
-            roots = [(-delta - root) / (2.0 * beta), (-delta + root) / (2.0 * beta)]
-        elif beta == 0.0 and delta != 0.0:
-            roots = [-gamma / delta]
-        return min((root for root in roots if root > 0), default=None)
+        roots = np.roots([beta, delta, gamma])
+        real_roots = roots.real[roots.imag == 0.0]
+        return min((float(root) for root in real_roots if root > 0), default=None)
 
     @property
     def pace(self) -> float | None:

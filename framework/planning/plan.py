@@ -33,13 +33,14 @@ from framework.laws.law import Law
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
-from framework.planning.request import PEAK_SAMPLES, Request, limit_excess, specification_of
+from framework.planning.request import Request, limit_excess, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.singularity.points_on_path import SearchedPath, check_branch, search_path
 from framework.singularity.rank_deficiency import NearMiss
@@ -281,13 +282,8 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     """
     if not near_misses:
         return None
-    # instants over the motion, and denser ones beside each near miss
-    sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
-    sampled_s = plan.law(sampled_times)
-    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)
-    times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
-    times = np.concatenate([sampled_times, *times_beside])
-
+    torques = plan.dynamics.torques
+    times = TimeGrid(torques.edges, torques.coefficients.shape[1]).times  # dense where torques peak narrowly
     limits = motor_limits(plan.robot, "torque_limit", None)
     reference = limits if np.isfinite(limits).all() else 1.0
     largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,) of all motors
