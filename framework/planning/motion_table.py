@@ -112,15 +112,23 @@ def motion_table(
     Raises:
         InvalidInput: a column is unknown; the message lists the valid ones.
     """
+    parts = [*_quantity_tables(dynamics, times), *_joint_tables(dynamics, times)]
+    all_columns = [column for part in parts for column in part.columns]
+    chosen = _select_columns([column.name for column in all_columns], columns)
+    rows = np.concatenate([part.rows for part in parts], axis=1)[:, chosen]
+    return MotionTable(tuple(all_columns[k] for k in chosen), rows)
+
+
+def _quantity_tables(dynamics: InverseDynamics, times: Array) -> list[MotionTable]:
+    """Return the tables of law, platform, motors and springs, and of their rates, at times (T,)."""
     robot = dynamics.robot
     # names and units of the components of each quantity
     axes = robot.axis_names, robot.axis_units
     forces = robot.actuator_names, robot.torque_units
     motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
     springs = robot.elastic_names, length_units(robot.sliding[robot.elastic])
-    law = np.stack([times, *law_derivatives(dynamics.law, times)], axis=1)  # (T, 4)
     parts = [
-        MotionTable(LAW_COLUMNS, law),
+        MotionTable(LAW_COLUMNS, np.stack([times, *law_derivatives(dynamics.law, times)], axis=1)),
         _tabulate("platform", axes, "platform coordinate", dynamics.platform(times)),
         _tabulate("motor_angle", motors, "motor angle, motor side of the gear", dynamics.motor_angle(times)),
         _tabulate("torque", forces, "motor torque, motor side of the gear", dynamics.torque(times)),
@@ -132,16 +140,11 @@ def motion_table(
         ("deflection", springs, "of the deflection", dynamics.deflection),
     ):
         parts += [_tabulate(prefix, components, of_what, evaluate(times, order), order) for order in (1, 2)]
-    parts += _joint_tables(dynamics, times)
-
-    all_columns = [column for part in parts for column in part.columns]
-    chosen = _select_columns([column.name for column in all_columns], columns)
-    rows = np.concatenate([part.rows for part in parts], axis=1)[:, chosen]
-    return MotionTable(tuple(all_columns[k] for k in chosen), rows)
+    return parts
 
 
 def _joint_tables(dynamics: InverseDynamics, times: Array) -> list[MotionTable]:
-    """Return the tables of positions, velocities and accelerations of joints without a motor at times (T,)."""
+    """Return the tables of positions, velocities and accelerations of passive joints at times (T,)."""
     robot, coordinates, passive = dynamics.robot, dynamics.robot.coordinates, dynamics.robot.passive
     joints = [coordinates.name_of(column) for column in passive], length_units(robot.sliding[passive])
     position = "position of a joint without a motor"
