@@ -50,7 +50,6 @@ START = (
 )
 # solver parameters of the stiffest equality that MuJoCo can solve
 HARD_EQUALITY = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-CLOSING_POINT_DISTANCE = 0.1  # [robot lengths] between the points that close a hinge or a weld
 
 
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
@@ -235,7 +234,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
             name = f"{closure.name}_{axis}"  # of the equality, and the end of its sites' names
-            offset = CLOSING_POINT_DISTANCE * robot.length * unit_vector(axis)
+            offset = robot.length * unit_vector(axis)
             for end in closure.frames:
                 _add_site(bodies, f"{end}_{name}", frames[end], offset)
             _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))
