@@ -50,7 +50,7 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.condition import Deflection, condition_at, crossing_point
 from framework.planning.refusals import check_advance
-from framework.planning.request import SMOOTHNESS, largest_by_unit
+from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
@@ -354,8 +354,8 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     load across a crossing.
     """
     robot = dynamics.robot
-    times = np.linspace(0.0, dynamics.duration, 501)
-    peaks = largest_by_unit(robot, np.abs(dynamics.torque(times)).max(axis=0))
+    torque_peaks, _speed_peaks = motor_peaks(dynamics)
+    peaks = largest_by_unit(robot, torque_peaks)
     effects = [
         _measure_effect(robot, peaks, effect, difference)
         for effect, difference in chain(_spring_differences(dynamics), _friction_differences(dynamics))
