@@ -24,11 +24,15 @@ class Command(NamedTuple):
     examples: tuple[str, ...]  # command lines
     module: str  # in this package; has `add_NAME_options` and `run_NAME`
     details: str = ""  # follow the text in the command's own help
+    required: tuple[str, ...] = ("ROBOT",)  # arguments in the line of usage
 
 
 COMMANDS = {
     "robots": Command(
-        "list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png"), "robots"
+        "list the catalogue",
+        ("crossing robots", "crossing robots --picture catalogue.png"),
+        "robots",
+        required=(),
     ),
     "check": Command(
         "mobility, rank, redundant rows, masses, closure error, mode",
@@ -40,6 +44,7 @@ COMMANDS = {
         "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
         ("crossing convert five_bar --out copy", "crossing convert humanoid_ankle --out ankle"),
         "robots",
+        required=("ROBOT", "--out DIR"),
     ),
     "locate": Command(
         "find the singular points on a path",
@@ -120,6 +125,7 @@ COMMANDS = {
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
         ("crossing report move", "crossing report move --html report.html"),
         "show",
+        required=("DIR",),
     ),
     "export": Command(
         "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson",
@@ -128,6 +134,7 @@ COMMANDS = {
             "crossing export move --to ros2_control --out trajectory.yaml",
         ),
         "export",
+        required=("ROBOT", "--to FORMAT", "--out FILE"),
     ),
     "calibrate": Command(
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
@@ -137,6 +144,7 @@ COMMANDS = {
         ),
         "identification",
         "What the data cannot see is named, with a measurement that would show it, and stays as in the file.",
+        required=("ROBOT", "DATA"),
     ),
     "identify": Command(
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
@@ -148,6 +156,7 @@ COMMANDS = {
         "identification",
         "Named are the combinations that torques depend on, see base parameters in the literature; what they "
         "do not show stays as near to the robot file as bodies that can exist allow.",
+        required=("ROBOT", "DATA"),
     ),
 }
 VALUE_COUNTS = {None: 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # largest number of values by `nargs`
@@ -176,21 +185,7 @@ class Misuse(Exception):
 
 
 class _Help(argparse.HelpFormatter):
-    """Format help with a usage of one line; leave texts of several lines unchanged."""
-
-    def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
-        """Add a usage with the required arguments; other options are [options]."""
-        # positional arguments are required as well
-        required = [action for action in actions if action.required or not action.option_strings]
-        words = ["%(prog)s", *map(self._format_required, required), "[options]"]
-        super().add_usage(usage or " ".join(words), actions, groups, prefix)
-
-    def _format_required(self, action: argparse.Action) -> str:
-        """Return a required argument or option with its placeholders."""
-        if not action.option_strings:
-            return self._format_args(action, self._get_default_metavar_for_positional(action))
-        metavar = self._get_default_metavar_for_optional(action)
-        return f"{action.option_strings[0]} {self._format_args(action, metavar)}"
+    """Format help; leave texts of several lines unchanged."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)
@@ -365,7 +360,13 @@ def _add_command(commands: Any, name: str) -> None:
     """
     command = COMMANDS[name]
     description = f"{command.text}. {command.details}".removesuffix(". ")
-    parser = commands.add_parser(name, help=command.text, description=description, examples=command.examples)
+    parser = commands.add_parser(
+        name,
+        usage=" ".join(["%(prog)s", *command.required, "[options]"]),
+        help=command.text,
+        description=description,
+        examples=command.examples,
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     module = import_module(f"framework.cli.{command.module}")
     parser.set_defaults(run=getattr(module, f"run_{name}"))
