@@ -116,7 +116,10 @@ def plan_request(
     except UncontrolledMotions:  # a NoLaw that a single condition (8) does not explain
         raise
     except NoLaw as refusal:
-        raise with_explanation(refusal, searched, request) from None
+        at_points = feasibility_on_path(searched)
+        conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
+        refusal.args = ("; ".join([str(refusal), *conditions]),)
+        raise refusal.advising(find_remedy(refusal, searched, request)) from None
     except UnboundedTorque as pole:
         raise pole.advising(find_remedy(pole, searched, request)) from None
     check_limits(plan)
@@ -209,16 +212,11 @@ def _plan_after_refusal(
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
     except (NoLaw, NotConverged) as optimal_refusal:
-        both = f"{refusal}; nor does the optimal law help: {optimal_refusal}"
-        if isinstance(refusal, NotConverged):
-            raise NotConverged(
-                both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
-            ) from None
-        raise NoLaw(
-            both,
-            proof=refusal.proof or getattr(optimal_refusal, "proof", None),
-            evidence=getattr(optimal_refusal, "evidence", None),
-        ) from None
+        refusal.args = (f"{refusal}; nor does the optimal law help: {optimal_refusal}",)
+        if isinstance(refusal, NoLaw):
+            refusal.proof = refusal.proof or getattr(optimal_refusal, "proof", None)
+            refusal.evidence = getattr(optimal_refusal, "evidence", None)
+        raise refusal.advising(None) from None
 
 
 def _plan_polynomial_within_limits(
@@ -371,19 +369,6 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
 
 
 # ------------------------------------------------------------------ explanations and remedies of refusals
-
-
-def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Return a refusal with condition (8) at each singular point in the message, and with a remedy.
-
-    Args:
-        searched: the path under the wrenches of the request.
-    """
-    at_points = feasibility_on_path(searched)
-    conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
-    message = "; ".join([str(refusal), *conditions])
-    explained = NoLaw(message, proof=refusal.proof, evidence=refusal.evidence)
-    return explained.advising(find_remedy(refusal, searched, request))
 
 
 def check_limits(plan: CrossingPlan) -> None:

@@ -109,7 +109,6 @@ The plan:
         planning.plan.plan_request
     NoLaw: neither law is found; the message has both reasons
         planning.plan.plan_request
-        planning.plan.with_explanation
     NotConverged: neither law is resolved; the message has both reasons
         planning.plan.plan_request
     LimitsExceeded: the plan exceeds limits although `keep_limits` is set
