@@ -12,17 +12,12 @@ import numpy as np
 
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, choose_from, whole_number
-from framework.kinematics.parallel_robot import length_units
+from framework.kinematics.parallel_robot import ParallelRobot, length_units
 from framework.laws.law import is_number, law_derivatives
 from framework.numerics.arrays import Array
 from framework.tolerances import SAME_PLACE
 
-# of a quantity and its time derivatives by order: part of the column's name, description, suffix of the unit
-DERIVATIVES = (
-    ("", "", ""),
-    ("velocity_", "time derivative ", "/s"),
-    ("acceleration_", "second time derivative ", "/s2"),
-)
+RATES = ("", "/s", "/s2")  # suffixes of units, indexed by the order of the time derivative
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 DEFAULT_ROWS = 1501
 NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a quantity
@@ -34,14 +29,6 @@ class Column(NamedTuple):
     name: str  # of letters, digits and underscores
     unit: str  # SI
     what: str  # description of the quantity
-
-
-LAW_COLUMNS = (
-    Column("time", "s", "instant"),
-    Column("s", "1", "path coordinate"),
-    Column("ds", "1/s", "time derivative of the path coordinate"),
-    Column("dds", "1/s2", "second time derivative of the path coordinate"),
-)
 
 
 class MotionTable(NamedTuple):
@@ -112,80 +99,33 @@ def motion_table(
     Raises:
         InvalidInput: a column is unknown; the message lists the valid ones.
     """
-    parts = [*_quantity_tables(dynamics, times), *_joint_tables(dynamics, times)]
-    all_columns = [column for part in parts for column in part.columns]
-    chosen = _select_columns([column.name for column in all_columns], columns)
-    rows = np.concatenate([part.rows for part in parts], axis=1)[:, chosen]
+    robot, coordinates = dynamics.robot, dynamics.robot.coordinates
+    joints = [  # each (T, nv): positions, velocities, accelerations
+        coordinates.positions(dynamics.configuration(times)),
+        coordinates.to_file_axes(dynamics.velocity(times, 1)),
+        coordinates.to_file_axes(dynamics.velocity(times, 2)),
+    ]
+    # in the order of `motion_columns`, each (T, number of components)
+    values = [np.stack([times, *law_derivatives(dynamics.law, times)], axis=1)]
+    values += [dynamics.platform(times), dynamics.motor_angle(times)]
+    values += [dynamics.torque(times), dynamics.deflection(times)]
+    for quantity in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
+        values += [quantity(times, 1), quantity(times, 2)]
+    values += [joint[:, robot.passive] for joint in joints]
+
+    all_columns = motion_columns(robot)
+    chosen = select_columns(all_columns, columns)
+    rows = np.concatenate(values, axis=1)[:, chosen]
     return MotionTable(tuple(all_columns[k] for k in chosen), rows)
 
 
-def _quantity_tables(dynamics: InverseDynamics, times: Array) -> list[MotionTable]:
-    """Return the tables of law, platform, motors and springs, and of their rates, at times (T,)."""
-    robot = dynamics.robot
-    # names and units of the components of each quantity
-    axes = robot.axis_names, robot.axis_units
-    forces = robot.actuator_names, robot.torque_units
-    motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
-    springs = robot.elastic_names, length_units(robot.sliding[robot.elastic])
-    parts = [
-        MotionTable(LAW_COLUMNS, np.stack([times, *law_derivatives(dynamics.law, times)], axis=1)),
-        _tabulate("platform", axes, "platform coordinate", dynamics.platform(times)),
-        _tabulate("motor_angle", motors, "motor angle, motor side of the gear", dynamics.motor_angle(times)),
-        _tabulate("torque", forces, "motor torque, motor side of the gear", dynamics.torque(times)),
-        _tabulate("deflection", springs, "deflection of a spring", dynamics.deflection(times)),
-    ]
-    for prefix, components, of_what, evaluate in (
-        ("platform", axes, "of the platform coordinate", dynamics.platform),
-        ("motor", motors, "of the motor angle, motor side of the gear", dynamics.motor_angle),
-        ("deflection", springs, "of the deflection", dynamics.deflection),
-    ):
-        parts += [_tabulate(prefix, components, of_what, evaluate(times, order), order) for order in (1, 2)]
-    return parts
-
-
-def _joint_tables(dynamics: InverseDynamics, times: Array) -> list[MotionTable]:
-    """Return the tables of positions, velocities and accelerations of passive joints at times (T,)."""
-    robot, coordinates, passive = dynamics.robot, dynamics.robot.coordinates, dynamics.robot.passive
-    joints = [coordinates.name_of(column) for column in passive], length_units(robot.sliding[passive])
-    position = "position of a joint without a motor"
-    ball = turning = ""
-    if robot.has_balls:
-        ball = "; of a ball, a component of the rotation vector about the axes of its origin"
-        turning = "; of a ball, the angular velocity about axes of what it carries"
-    positions = coordinates.positions(dynamics.configuration(times))  # (T, nv)
-    tables = [_tabulate("joint", joints, f"{position}{ball}", positions[:, passive])]
-    for order in (1, 2):
-        rates = coordinates.to_file_axes(dynamics.velocity(times, order))[:, passive]
-        tables.append(_tabulate("joint", joints, f"of the {position}{turning}", rates, order))
-    return tables
-
-
-def _tabulate(
-    prefix: str, components: NamesAndUnits, description: str, rows: Array, order: int = 0
-) -> MotionTable:
-    """Return the table of a quantity, or of its first or second time derivative.
-
-    Args:
-        prefix: beginning of the columns' names, such as "motor" of "motor_velocity_NAME".
-        components: names and units of the components of the quantity.
-        description: of the quantity; of a derivative, the end of its description, as in "of the deflection".
-        rows: values (T, number of components).
-        order: of the time derivative.
-    """
-    infix, derivative, per_time = DERIVATIVES[order]
-    columns = [
-        Column(f"{prefix}_{infix}{name}", f"{unit}{per_time}", f"{derivative}{description}")
-        for name, unit in zip(*components, strict=True)
-    ]
-    return MotionTable(tuple(columns), rows)
-
-
-def _select_columns(names: Sequence[str], wanted: Sequence[str] | None) -> list[int]:
+def select_columns(columns: Sequence[Column], wanted: Sequence[str] | None) -> list[int]:
     """Return the indices of the wanted columns, by names or prefixes of names; all when None.
 
     Raises:
         InvalidInput: a column is unknown; the message lists the valid ones.
     """
+    names = [column.name for column in columns]
     if wanted is None:
         return list(range(len(names)))
     selected: dict[int, None] = {}  # an ordered set: each column once, in the order wanted
@@ -196,3 +136,63 @@ def _select_columns(names: Sequence[str], wanted: Sequence[str] | None) -> list[
             raise InvalidInput(choose_from("column", prefix, names))
         selected |= dict.fromkeys(matching)
     return list(selected)
+
+
+def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
+    """Return the columns of motion.csv, in their order."""
+    # names and units of the components of each quantity; those without a motor are called passive
+    axes = robot.axis_names, robot.axis_units
+    forces = robot.actuator_names, robot.torque_units
+    motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
+    springs = robot.elastic_names, length_units(robot.sliding[robot.elastic])
+    passive_names = [robot.coordinates.name_of(column) for column in robot.passive]
+    passive = passive_names, length_units(robot.sliding[robot.passive])
+    ball = turning = ""
+    if robot.has_balls:
+        ball = "; of a ball, a component of the rotation vector about the axes of its origin"
+        turning = "; of a ball, the angular velocity about axes of what it carries"
+    return (
+        Column("time", "s", "instant"),
+        Column("s", "1", "path coordinate"),
+        Column("ds", "1/s", "time derivative of the path coordinate"),
+        Column("dds", "1/s2", "second time derivative of the path coordinate"),
+        *_quantity_columns("platform", axes, "platform coordinate"),
+        *_quantity_columns("motor_angle", motors, "motor angle, motor side of the gear"),
+        *_quantity_columns("torque", forces, "motor torque, motor side of the gear"),
+        *_quantity_columns("deflection", springs, "deflection of a spring"),
+        *_rate_columns("platform", axes, "of the platform coordinate"),
+        *_rate_columns("motor", motors, "of the motor angle, motor side of the gear"),
+        *_rate_columns("deflection", springs, "of the deflection"),
+        *_quantity_columns("joint", passive, f"position of a joint without a motor{ball}"),
+        *_rate_columns("joint", passive, f"of the position of a joint without a motor{turning}"),
+    )
+
+
+def _quantity_columns(
+    prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
+) -> list[Column]:
+    """Return a column for each component of a quantity or of its time derivative.
+
+    Args:
+        prefix: beginning of the columns' names; the names of the components follow.
+        names_and_units: of the components.
+        description: of all these columns.
+        order: of the time derivative; the units are divided by s^order.
+    """
+    pairs = zip(*names_and_units, strict=True)
+    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in pairs]
+
+
+def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str) -> list[Column]:
+    """Return the columns of the first and second time derivatives of a quantity.
+
+    Args:
+        prefix: beginning of the columns' names, such as "motor" of "motor_velocity_NAME".
+        names_and_units: of the components of the quantity.
+        description: names the quantity behind "time derivative", as in "of the deflection".
+    """
+    derivative = f"time derivative {description}"
+    return [
+        *_quantity_columns(f"{prefix}_velocity", names_and_units, derivative, 1),
+        *_quantity_columns(f"{prefix}_acceleration", names_and_units, f"second {derivative}", 2),
+    ]
