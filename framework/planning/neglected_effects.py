@@ -246,6 +246,27 @@ class ModelOnMotion:
         dry = self.friction * speed_signs(evaluated.motion.v / self.robot.column_scale)
         return self._torque_with_friction(evaluated, dry)
 
+    @cached_property
+    def first_torque(self) -> Array:
+        """The motors' torques (T, n_a) [N m or N] of the first pass, at the nodes.
+
+        Raises:
+            NoAnswer: as `compute_pass` and `torque`.
+        """
+        return self.torque(self.first_pass)
+
+    def torque_with(self, coordinates: Sequence[str]) -> Array:
+        """Compute torques (T, n_a) [N m or N] with the springs of these coordinates deflected.
+
+        They deflect as the forces of the first pass cause. Others deflect as in the motion, or not at all.
+
+        Raises:
+            NoAnswer: as `compute_pass` and `torque`.
+        """
+        is_deflecting = np.isin(self.robot.elastic_names, coordinates)
+        deflections = np.where(is_deflecting, self.first_pass.caused, self.known_deflections())
+        return self.torque(self.compute_pass(deflections))
+
     def _smooth_signs(self) -> Array:
         """Evaluate polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
         from scipy.interpolate import KroghInterpolator  # takes time to import
@@ -411,20 +432,9 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
             dynamics, ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
         )
 
-    def torque_with(coordinates: Sequence[str]) -> Array:
-        """Compute torques (T, n_a) of the fullest model in which springs deflect as its forces ask.
-
-        `coordinates` are those of these springs. All others deflect as in the motion, or not at all.
-        """
-        model = fullest()
-        is_deflecting = np.isin(model.robot.elastic_names, coordinates)
-        # `caused`: the deflections that the forces of the first pass cause
-        deflections = np.where(is_deflecting, model.first_pass.caused, model.known_deflections())
-        return model.torque(model.compute_pass(deflections))
-
     def torque_of_springs(coordinates: Sequence[str]) -> Array:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
-        return torque_with(coordinates) - fullest().torque(fullest().first_pass)
+        return fullest().torque_with(coordinates) - fullest().first_torque
 
     for part in ("joint", "link"):
         springs = [
@@ -437,9 +447,12 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
             names = _list_names([spring.name for spring in springs])
             yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
     if robot.n_e and dynamics.geometry == "rigid":
-        yield "deformed geometry", lambda: torque_with(robot.elastic_names) - fullest().planned_torque
+        yield (
+            "deformed geometry",
+            lambda: fullest().torque_with(robot.elastic_names) - fullest().planned_torque,
+        )
     if robot.n_e and not robot.elastic_inertia:
-        yield "inertia of the elastic motion", lambda: torque_with(()) - fullest().planned_torque
+        yield "inertia of the elastic motion", lambda: fullest().first_torque - fullest().planned_torque
 
 
 def _list_names(names: Sequence[str]) -> str:
@@ -461,7 +474,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
         """Compute the change of torque (T, n_a) by the friction."""
         with_friction = ModelOnMotion.of(dynamics, robot, friction=friction)
         without = replace(with_friction, friction=None)
-        return with_friction.torque(with_friction.first_pass) - without.torque(without.first_pass)
+        return with_friction.first_torque - without.first_torque
 
     yield f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)", difference
 
