@@ -256,9 +256,10 @@ class ModelOnMotion:
         return self.torque(self.first_pass)
 
     def torque_with(self, coordinates: Sequence[str]) -> Array:
-        """Compute torques (T, n_a) [N m or N] with the springs of these coordinates deflected.
+        """Compute torques (T, n_a) [N m or N] while some springs deflect as the first pass causes.
 
-        They deflect as the forces of the first pass cause. Others deflect as in the motion, or not at all.
+        Args:
+            coordinates: of these springs, by name. All others deflect as in the motion, or not at all.
 
         Raises:
             NoAnswer: as `compute_pass` and `torque`.
