@@ -35,9 +35,11 @@ from framework.tolerances import SAME_PLACE
 MAX_BEND_SHARE = 0.05  # largest bend divided by the path's length; a larger one would make another path
 END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, the bump ends with a kink
 # DOUBLED_BENDS bends are tried to each side, each twice the last. The first, 0.04 % of the path's length, is
-# of the size of errors in building a robot. COMPARED_BENDS bends to the side of the first sufficient one,
-# from above half of it to the largest, are then compared by their torques.
-DOUBLED_BENDS, COMPARED_BENDS = 8, 7
+# of the size of errors in building a robot. COMPARED_BENDS is the number of bends from the least sufficient
+# one to the largest whose torques are compared.
+DOUBLED_BENDS, COMPARED_BENDS = 8, 6
+# After the bisections the least bend is known to a factor of 2^(1/8), or 9 %; it is multiplied by RESERVE.
+BISECTIONS, RESERVE = 3, 1.1
 MIN_INTERVALS = 9  # least number of intervals of the bent spline
 
 
@@ -72,9 +74,9 @@ def plan_request_with_modified_path(
     """Plan a request; if no law can cross, bend the path.
 
     The path is bent at the crossing whose tangent is the most orthogonal to t_s. Bends are tried to both
-    sides, each twice the last, until one has a plan within the limits of the request. Bends from half of this
-    one to the largest, in geometric progression, are then planned to the same side; the least of them with a
-    plan is taken. It may need a large torque: `choices` has the torques of all these plans.
+    sides, each twice the last, until one has a plan within the limits of the request. Bisection between this
+    bend and half of it then gives the least bend, to which a tenth is added. Without a torque limit the least
+    bend may need a large torque: `choices` has the torques of larger bends.
 
     Args:
         bend: the bend to use instead of the least, as a share of the path's length. The path is bent to the
@@ -139,32 +141,46 @@ class _Modification(NamedTuple):
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
         """Plan with the least sufficient bend, and compare larger ones; None without a plan."""
-        sufficient = self._find_sufficient()
-        if sufficient is None:
+        least = self._find_least()
+        if least is None:
             return None
-        share, plan = sufficient
-        plans = {abs(share): plan}  # by the size of the bend
-        sizes = np.geomspace(0.5 * abs(share), MAX_BEND_SHARE, COMPARED_BENDS + 1).tolist()
-        for size in sizes[
-            1:
-        ]:  # the first, half of a sufficient bend, has been refused or is too small to try
-            other = self.plan_bent(np.copysign(size, share))
-            if other is not None:
-                plans[size] = other
-        choices = [BendChoice(size, plans[size].peak_torque) for size in sorted(plans)]
-        return self._measure(plans[choices[0].share], tuple(choices))
+        share, plan = least
+        choices = [BendChoice(abs(share), plan.peak_torque)]
+        if abs(share) < MAX_BEND_SHARE:
+            bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
+            for bend in bends[1:]:  # the first is the least sufficient one
+                larger = self.plan_bent(np.copysign(bend, share))
+                if larger is not None:
+                    choices.append(BendChoice(bend, larger.peak_torque))
+        return self._measure(plan, tuple(choices))
 
-    def _find_sufficient(self) -> tuple[float, CrossingPlan] | None:
-        """Find the first of the doubled bends with a plan: its share of the path's length, and the plan.
+    def _find_least(self) -> tuple[float, CrossingPlan] | None:
+        """Find the least sufficient bend with a reserve, and its plan.
 
-        The sign of the bend says to which side.
+        The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
+        has no plan with it.
         """
         shares = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]  # ascending
         for share in np.outer(shares, [1.0, -1.0]).ravel().tolist():  # each to both sides
             plan = self.plan_bent(share)
             if plan is not None:
-                return share, plan
-        return None
+                break
+        else:  # no bend has a plan
+            return None
+
+        refused = 0.5 * share
+        bisections = BISECTIONS if abs(share) > shares[0] else 0  # half of the first bend was not tried
+        for _ in range(bisections):
+            middle = np.copysign(np.sqrt(refused * share), share)
+            middle_plan = self.plan_bent(middle)
+            if middle_plan is None:
+                refused = middle
+            else:
+                share, plan = middle, middle_plan
+
+        with_reserve = RESERVE * share
+        reserved = self.plan_bent(with_reserve)
+        return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
         """Return the plan with the distances of its path from the requested path, and with `choices`."""
