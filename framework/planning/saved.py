@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -288,7 +287,7 @@ def plan_from_document(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     with prefix_errors(file, InvalidInput):
-        _check_leaves(saved, plan)
+        _check_plan(saved, plan)
     return replace(plan, seconds=stated["seconds"])
 
 
@@ -419,32 +418,31 @@ def _compared_document(plan: CrossingPlan) -> Document:
 
 
 def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
-    """Return the size of each computed number of plan.json, by key without the index of the crossing.
+    """Return the size of each computed number of plan.json, by the last part of its key.
 
     Differences of FILE_ROUNDING times the size are rounding. Coefficients of condition (8) have the size of
     the largest term of any crossing at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so
-    any value agrees.
+    any value agrees. Values that have no size must be equal.
     """
     mean_speed = 1.0 / plan.duration  # [1/s] of s
     # the factors of the coefficients in condition (8), at this speed and acceleration
     factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
     conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
     largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
-    largest_torque = max(plan.peak_torque.values())
     return {
-        "crossings.s": 1.0,
-        "crossings.time": plan.duration,
-        "crossings.speed": mean_speed,
-        "crossings.acceleration": mean_speed**2,
-        "crossings.twist": 1.0,
-        "crossings.platform": plan.robot.length,
-        "crossings.residual": np.inf,
-        **{f"crossings.condition.{key}": largest_term / factor for key, factor in factors._asdict().items()},
-        **{f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque},
+        **dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values())),
+        **{key: largest_term / factor for key, factor in factors._asdict().items()},
+        "s": 1.0,
+        "time": plan.duration,
+        "speed": mean_speed,
+        "acceleration": mean_speed**2,
+        "twist": 1.0,
+        "platform": plan.robot.length,
+        "residual": np.inf,
     }
 
 
-def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
+def _check_plan(saved: Document, plan: CrossingPlan) -> None:
     """Refuse a file that contradicts the plan computed anew; name the first such key.
 
     Args:
@@ -459,34 +457,33 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
     document["certificate"] = {"monotone": plan.certificate.monotone}
     optimality = plan.optimality
     document["optimality"] = None if optimality is None else {"optimize": optimality.specification.goal}
-
-    stated = dict(_yield_leaves(saved))
-    rounding_sizes = _rounding_sizes(plan)
-    for key, computed in _yield_leaves(plain(document)):
-        key_without_index = re.sub(r"^crossings\[\d+\]", "crossings", key)
-        size = rounding_sizes.get(key_without_index)  # None: the values must be equal
-        if key not in stated or not _values_agree(stated[key], computed, size):
-            raise InvalidInput(
-                f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
-                f"{short(computed)}: the robot has changed since; plan again"
-            )
+    _check_value("", saved, plain(document), _rounding_sizes(plan))
 
 
-def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the key and the value of each leaf of a document, and the length of each list of mappings.
+def _check_value(key: str, stated: Any, computed: Any, sizes: Mapping[str, float]) -> None:
+    """Refuse a value of the file that contradicts the computed one, leaf by leaf.
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
+        sizes: of numbers, by the last part of their key.
+
+    Raises:
+        InvalidInput: as `_check_plan`.
     """
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            yield from _yield_leaves(part, below(key, name))
-    elif isinstance(value, list) and all(isinstance(part, Mapping) for part in value):
-        yield key, len(value)
-        for k, part in enumerate(value):
-            yield from _yield_leaves(part, f"{key}[{k}]")
-    else:
-        yield key, value
+    if isinstance(computed, Mapping):
+        known = stated if isinstance(stated, Mapping) else {}
+        for name, part in computed.items():
+            _check_value(below(key, name), known.get(name, "nothing"), part, sizes)
+        return
+    if isinstance(computed, list) and all(isinstance(part, Mapping) for part in computed):
+        for k, (entry, part) in enumerate(zip(stated, computed, strict=False)):
+            _check_value(f"{key}[{k}]", entry, part, sizes)
+        stated, computed = len(stated), len(computed)
+    if not _values_agree(stated, computed, sizes.get(key.rpartition(".")[2])):
+        raise InvalidInput(
+            f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "
+            f"changed since; plan again"
+        )
 
 
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
