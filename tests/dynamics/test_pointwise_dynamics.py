@@ -167,35 +167,6 @@ def test_rows_of_a_stack_that_are_no_numbers_are_named():
     assert len(str(refused.value)) < 200
 
 
-def test_a_stack_of_instants_says_what_each_says_alone(moving):
-    plan, _, _ = moving
-    times = np.array([0.1, 0.2, 0.3]) * plan.duration
-    dx, ddx = plan.platform(times, 1), plan.platform(times, 2)
-    load = {plan.robot.description.platform.frame: [1.0, -2.0, 0.5, 0.1, 0.2, -0.3]}
-    q = plan.dynamics.configuration(times)
-    stack = dynamics_at(plan.robot, q, dx=dx, ddx=ddx, wrenches=load)
-    for k in range(3):
-        one = dynamics_at(plan.robot, q[k], dx=dx[k], ddx=ddx[k], wrenches=load)
-        for name in ("torque", "v", "a", "platform_inertia", "motor_inertia", "clearance"):
-            np.testing.assert_allclose(getattr(stack, name)[k], getattr(one, name), rtol=1e-10, atol=1e-12)
-        for name in ("loop_forces", "reactions"):
-            both = getattr(stack, name), getattr(one, name)
-            scale = max(np.nanmax(np.abs(wrench), initial=0.0) for wrench in both[1].values())
-            for key, wrench in both[1].items():
-                np.testing.assert_allclose(both[0][key][k], wrench, rtol=0, atol=1e-11 * scale)
-
-
-def test_what_was_given_stays_the_givers_own():
-    """A stack may be filled anew for the next call: what was found does not change with it."""
-    robot = robots.load("five_bar")
-    q = np.array([assemble(robot, [0.01 * k, 0.3]).q for k in range(3)])
-    found, as_given = dynamics_at(robot, q), q.copy()
-    q[:] = 0.0
-    np.testing.assert_array_equal(found.q, as_given)
-    expected = dynamics_at(robot, as_given).reactions["left_elbow"]
-    np.testing.assert_array_equal(found.reactions["left_elbow"], expected)
-
-
 def test_A_B_and_C_change_as_their_rates_say(moving):
     """B^-1 A and B^-1 C, which no choice of rows changes, differenced along the plan."""
     plan, time, _ = moving

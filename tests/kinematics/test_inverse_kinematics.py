@@ -83,13 +83,6 @@ def test_what_closes_is_what_closes_alone(robot):
     assert np.abs(found.linearised.residual[found.closed]).max() < 1e-15
 
 
-def test_the_equations_given_back_are_those_at_the_configuration_given_back(robot):
-    found = close_each(robot, np.concatenate([REACHED, TOO_FAR]), guesses(robot, 4), iterations=3)
-    again = close_each(robot, np.concatenate([REACHED, TOO_FAR]), found.q, iterations=0)
-    np.testing.assert_array_equal(found.linearised.jacobian, again.linearised.jacobian)
-    np.testing.assert_array_equal(found.linearised.residual, again.linearised.residual)
-
-
 def test_an_instant_whose_step_is_too_long_is_given_up_and_not_moved(robot):
     starts = guesses(robot, 3)
     near = np.repeat(close_loops(robot, REACHED[:1], starts[:1]).q, 3, axis=0)
