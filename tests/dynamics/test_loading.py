@@ -220,7 +220,8 @@ def branch_of(softness):
     return search_path(drawn(7).robot(softness), drawn(7).path).branch
 
 
-@pytest.mark.parametrize("s", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("s", [0.0, 1.0])
 def test_a_fold_is_that_of_all_coordinates(s):
     branch, at = branch_of(100.0), np.array([s])
     expected = fold(branch.robot, branch.path(at)[0], branch.guess(at)[0])
