@@ -26,6 +26,11 @@ class Motion(NamedTuple):
     rows: Array  # (T, 4, 4)
 
 
+def solve_each(matrices: Array, right: Array) -> Array:
+    """Solutions (T, k) of matrices (T, k, k) for right sides (T, k)."""
+    return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+
+
 class BareRobot:
     """Model, frames and columns of the 5R; rows 0 and 1 close the loop, 2 and 3 move the platform."""
 
@@ -72,7 +77,7 @@ class BareRobot:
         model, data = self.model, self.data
         q, rows = self.joints(x, start)
         still = np.zeros_like(x)
-        v = np.linalg.solve(rows, np.hstack([still, dx])[..., None])[..., 0]
+        v = solve_each(rows, np.hstack([still, dx]))
         right = np.hstack([still, ddx])
         for k in range(len(q)):
             pin.forwardKinematics(model, data, q[k], v[k], np.zeros(model.nv))
@@ -81,7 +86,7 @@ class BareRobot:
                 for frame in self.frames
             )
             right[k] -= np.concatenate([one - other, platform])
-        return Motion(q, v, np.linalg.solve(rows, right[..., None])[..., 0], rows)
+        return Motion(q, v, solve_each(rows, right), rows)
 
     def forces(self, motion: Motion) -> Array:
         """Of the open tree (T, 4)."""
@@ -95,7 +100,6 @@ class BareRobot:
         """Motor torques (T, 2) [N m], at each instant for itself."""
         r = self.forces(motion)
         back = self.passive(motion.rows).swapaxes(-1, -2)
-        multipliers = np.linalg.solve(back, r[:, self.others, None])
-        from_loop = motion.rows[:, :2, self.motors].swapaxes(-1, -2) @ multipliers
-        joint = r[:, self.motors] - from_loop[..., 0]
+        multipliers = solve_each(back, r[:, self.others])
+        joint = r[:, self.motors] - np.matvec(motion.rows[:, :2, self.motors].swapaxes(-1, -2), multipliers)
         return np.asarray(self.rotor * self.gear * motion.a[:, self.motors] + joint / self.gear)

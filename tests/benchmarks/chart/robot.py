@@ -19,7 +19,7 @@ from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeGrid
 from tests.benchmarks.chart import closed_form
-from tests.benchmarks.chart.bare import BareRobot
+from tests.benchmarks.chart.bare import BareRobot, solve_each
 from tests.benchmarks.chart.bare import Motion as BareMotion
 from tests.benchmarks.chart.closed_form import ExactMotion
 
@@ -29,11 +29,6 @@ CROSSING_SPEED = float(closed_form.CROSSING_SPEED)  # [1/s]
 SIZE = 128  # points of the series of torques: twice what they need
 Torque = Callable[[Array], Array]  # times (T,) [s] -> motor torques (T, 2) [N m]
 Solve = Callable[[Array, Array], Array]  # P' (T, m, m) and r (T, m) -> lambda (T, m) with P' lambda = r
-
-
-def direct(matrix: Array, right: Array) -> Array:
-    """Gauss's elimination."""
-    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 
 
 @cache
@@ -84,7 +79,7 @@ class Planned:
         nodes = np.cos(np.pi * (np.arange(SIZE) + 0.5) / SIZE)
         times = 0.5 * DURATION * (nodes + 1.0)
         self.torques, self.places = (
-            chebyshev.chebfit(nodes, values, SIZE - 1)
+            np.asarray(chebyshev.chebfit(nodes, values, SIZE - 1), dtype=float)
             for values in (motion.torque(times), motion.platform(times))
         )
 
@@ -130,7 +125,8 @@ class SceneC:
 
     def bare_motion(self, times: Array, start: Array | None = None) -> BareMotion:
         """The joints by pinocchio and numpy alone, from `start` if not from where the path starts."""
-        return bare().motion(*self.platform(times), start)
+        x, dx, ddx = self.platform(times)
+        return bare().motion(x, dx, ddx, start)
 
     def bare_torques(self, times: Array) -> Array:
         """(T, 2) at each instant for itself, by pinocchio and numpy alone."""
@@ -142,7 +138,7 @@ class SceneC:
         closed = close_loops(robot(), x, branch().guess(self.law(times)))
         return motion_at(robot(), closed, dx, ddx)
 
-    def pointwise(self, times: Array, solve: Solve = direct) -> Array:
+    def pointwise(self, times: Array, solve: Solve = solve_each) -> Array:
         """Torques (T, 2) at each instant for itself: tau = r_a - J_a' lambda, P' lambda = r_p."""
         given, motion = robot(), self.motion(times)
         r, rows = tree_forces(given, motion), motion.linearised.closures

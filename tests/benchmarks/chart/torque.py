@@ -22,10 +22,11 @@ from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.bare import solve_each
 from tests.benchmarks.chart.formula import torques
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs, singles
 from tests.benchmarks.chart.reading import best, short
-from tests.benchmarks.chart.robot import SceneC, Solve, bare, direct
+from tests.benchmarks.chart.robot import SceneC, Solve, bare
 
 T, T_C = given.DURATION, given.CROSSING_TIME
 DISTANCES = tuple(10.0**-k for k in range(1, 10))  # [s] from the singular instant
@@ -74,7 +75,7 @@ def damped(damping: float) -> Solve:
     def solve(matrix: Array, right: Array) -> Array:
         back = matrix.transpose(0, 2, 1)
         penalty = (damping * np.linalg.norm(matrix, axis=(1, 2))) ** 2
-        return direct(
+        return solve_each(
             back @ matrix + penalty[:, None, None] * np.eye(matrix.shape[-1]),
             (back @ right[..., None])[..., 0],
         )
