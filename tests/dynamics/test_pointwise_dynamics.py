@@ -12,6 +12,8 @@ from framework.model.description import Actuator, Platform
 from framework.numerics.chebyshev import TimeGrid
 from tests.robots.cut_elsewhere import cut_elsewhere
 
+ROBOT = "five_bar"
+
 
 def scene_of(robot):
     scenes = robot.description.scenes
@@ -127,17 +129,15 @@ def test_inertia_is_what_kinetic_energy_says(moving):
     assert 0.5 * motors @ found.motor_inertia @ motors == pytest.approx(kinetic, rel=1e-9)
 
 
-def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up():
+def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up(robot):
     """The legs of the 5R share the payload's weight in a way that no rigid robot tells."""
-    robot = robots.load("five_bar")
     found = dynamics_at(robot, assemble(robot).q)
     assert np.isnan(found.loop_forces["tip"][2])
     assert "tip: force z" in found.indeterminate
     assert not np.isnan(found.loop_forces["tip"][:2]).any()
 
 
-def test_at_the_singularity_there_is_no_torque_of_an_instant():
-    robot = robots.load("five_bar")
+def test_at_the_singularity_there_is_no_torque_of_an_instant(robot):
     singular = assemble(robot, [0.0, np.sqrt(0.06)]).q
     with pytest.raises(SingularPose, match=r"Type 2.*plan"):
         dynamics_at(robot, singular)
@@ -152,14 +152,12 @@ def test_at_the_singularity_there_is_no_torque_of_an_instant():
         ({"wrenches": {"left_tip": [0] * 3}}, "wrenches: left_tip must be 6 finite numbers"),
     ],
 )
-def test_what_cannot_be(arguments, words):
-    robot = robots.load("five_bar")
+def test_what_cannot_be(robot, arguments, words):
     with pytest.raises(InvalidInput, match=words):
         dynamics_at(robot, assemble(robot).q, **arguments)
 
 
-def test_rows_of_a_stack_that_are_no_numbers_are_named():
-    robot = robots.load("five_bar")
+def test_rows_of_a_stack_that_are_no_numbers_are_named(robot):
     q = np.tile(assemble(robot).q, (2000, 1))
     q[5], q[77, 1] = np.nan, np.inf
     with pytest.raises(InvalidInput, match=r"2 of 2000 rows are not, \[5, 77\]") as refused:

@@ -10,10 +10,7 @@ from framework.kinematics.linearised_loops import linearised_at, linearised_at_r
 from framework.kinematics.modes import keeps_working_mode, mode_signs
 from framework.tolerances import NEWTON_STEP
 
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
+ROBOT = "five_bar"
 
 
 def elbow(robot) -> int:
