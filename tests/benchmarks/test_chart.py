@@ -9,7 +9,7 @@ from tests.benchmarks.chart import measure, stages, table
 from tests.benchmarks.chart.__main__ import main
 from tests.benchmarks.chart.figures import chart_figure, map_figure, short_figure
 from tests.benchmarks.chart.measure import Effort, Judged, Method, Row, Stage, rows_of, singles
-from tests.benchmarks.chart.reading import losses, sentence, time_to
+from tests.benchmarks.chart.reading import sentence, time_to
 
 
 def invented(stage) -> tuple[Row, ...]:
@@ -122,17 +122,6 @@ def test_the_sentence_names_who_is_quicker_and_who_never_comes_to_it():
     assert "equal within the spread" in sentence(stage, near)
 
 
-def test_losses_are_what_another_is_quicker_at_outside_the_spread():
-    stage = stages.stage("torque")
-    quick, slow = [(1.0, 1e-11)], [(2.0, 1e-7)]
-    assert losses(stage, curves(chebyshev=quick, pointwise=slow)) == []
-    lines = losses(stage, curves(chebyshev=slow, pointwise=quick))
-    assert "2 times more for ours" in lines[0]
-    assert "ours does not come to it" in lines[1]
-    near = [row._replace(upper=3.0) for row in curves(chebyshev=slow, pointwise=quick)]
-    assert len(losses(stage, near)) == 1
-
-
 @pytest.mark.parametrize(
     ("errors", "tried"),
     [
@@ -162,7 +151,7 @@ def test_the_whole_chart_in_a_quick_run(tmp_path, capsys):
         assert f"{name}: {stages.stage(name).title}" in printed
         made = json.loads((tmp_path / f"{name}.json").read_text())
         assert made["stage"] == name
-        assert made["sentence"] in (tmp_path / "summary.md").read_text()
+        assert made["sentence"] in (tmp_path / f"{name}.md").read_text()
         for suffix in ("md", "json", "png", "pdf"):
             assert (tmp_path / f"{name}.{suffix}").stat().st_size > 200
 

@@ -16,7 +16,6 @@ from framework.numerics.output import written_together
 from tests.benchmarks.chart import stages, table
 from tests.benchmarks.chart.figures import save_chart
 from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of
-from tests.benchmarks.chart.reading import losses
 
 FOLDER = "chart"
 
@@ -43,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL) -> str:
     """Measure the stages and write their figures and tables, all or nothing; returns a summary."""
-    summary, sentences, lost = list[str](), list[str](), list[str]()
+    summary = list[str]()
     with written_together(folder, document=f"{chosen[0].name}.json") as temporary:
         for stage in chosen:
             began = time.process_time()
@@ -55,12 +54,6 @@ def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL) ->
             (temporary / f"{stage.name}.json").write_text(json.dumps(document), encoding="utf-8")
             save_chart(stage, rows, temporary / stage.name)
             summary += table.summary(document)
-            sentences.append(f"- {stage.title} (`{stage.name}.md`). {document['sentence']}")
-            lost += [f"- {line}" for line in losses(stage, rows)]
-        if len(chosen) == len(stages.NAMES):
-            slower = lost or ["- Nowhere."]
-            lines = ["# Where others are quicker", "", *slower, "", "# All", "", *sentences, ""]
-            (temporary / "summary.md").write_text("\n".join(lines), encoding="utf-8")
     return "\n".join([*summary, f"written to {folder}/"])
 
 

@@ -192,16 +192,14 @@ def _points(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
 def _plot_profile(
     ax: Axes, stage: Stage, methods: Sequence[Method], rows: Sequence[Row], looks: dict[str, dict[str, Any]]
 ) -> None:
-    """Errors in each class, of the best setting of each method; of a single class over time."""
+    """Errors in each class, of the best setting of each method."""
     for method in methods:
         known = [row for row in finite(rows, method.name) if row.profile]
-        if len(stage.profile) == 1:
-            ax.plot(_points(known)[0], [max(row.profile[0], LEAST) for row in known], **looks[method.name])
-        elif known:
+        if known:
             chosen = min(known, key=lambda row: row.error)
             ax.plot(stage.profile, np.maximum(chosen.profile, LEAST), **looks[method.name])
-    _scaled(ax, stage.profiled or TIME)
-    ax.set_ylabel(stage.profile_error or stage.error)
+    _scaled(ax, stage.profiled)
+    ax.set_ylabel(stage.error)
     ax.set_title(stage.profile_title, loc="left")
 
 

@@ -95,7 +95,7 @@ class Stage:
 
     goals: errors to which the times of the methods are compared; none where the figure is a map.
     profile, profiled: the classes of `Judged.profile`, and what they are.
-    profile_error, profile_title: what these errors are, if not the same, and what to say of it.
+    profile_title: what to say of these errors.
     remark: what the reader should see besides the times, from the rows.
     short: names of at most five curves, by method of one panel, for the figure that is read at a glance, each
         with the row that it stands beside: 0 the quickest, above it, -1 the best, below it.
@@ -111,7 +111,6 @@ class Stage:
     remark: Callable[[Sequence[Row]], str] = no_remark
     profile: tuple[float, ...] = ()
     profiled: str = ""
-    profile_error: str = ""
     profile_title: str = ""
     short: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
