@@ -50,6 +50,12 @@ def put(content: Any, key: str, value: Any) -> None:
         content[last] = value
 
 
+@pytest.fixture(scope="module")
+def robot(request) -> ParallelRobot:
+    """The robot that a module of tests is about: its `ROBOT` of the catalogue, with its `FLEXIBILITY`."""
+    return robots.load(request.module.ROBOT, flexibility=getattr(request.module, "FLEXIBILITY", "rigid"))
+
+
 @pytest.fixture
 def quick_figures(monkeypatch):
     """Figures take seconds: tests/show draws them once, here a note stands for them."""

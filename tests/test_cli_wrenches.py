@@ -10,10 +10,11 @@ from framework import assemble, dynamics_at, plan_scene
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.show.report import given_options, report_page
 
+ROBOT = "five_bar"
+
 
 @pytest.mark.slow
-def test_plan_and_locate_count_the_wrench_that_is_typed(document):
-    robot = robots.load("five_bar")
+def test_plan_and_locate_count_the_wrench_that_is_typed(robot, document):
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [3.0, -4.0, 0, 0, 0, 0]})
     for typed in (["--wrench", "3", "-4"], ["--wrench-on", "left_tip", "3", "-4", "0", "0", "0", "0"]):
         told = document("plan", "five_bar", "--scene", "C", "--law", "optimal", *typed)
@@ -32,8 +33,7 @@ def test_a_folder_is_simulated_under_its_own_wrench_and_takes_no_other(refusal, 
     assert "--wrench: the plan in" in refusal(2, "simulate", tmp_path / "out", "--wrench", "1", "1")
 
 
-def test_pose_tells_torques_loops_and_reactions_of_an_instant(document, crossing):
-    robot = robots.load("five_bar")
+def test_pose_tells_torques_loops_and_reactions_of_an_instant(robot, document, crossing):
     instant = dynamics_at(
         robot,
         assemble(robot, [0.05, 0.3]),
@@ -80,17 +80,15 @@ def test_what_is_no_wrench_or_has_no_place_is_refused(refusal, words, complaint)
     assert complaint in refusal(2, *words)
 
 
-def test_the_call_that_makes_a_plan_again_has_its_wrenches():
-    robot = robots.load("five_bar")
+def test_the_call_that_makes_a_plan_again_has_its_wrenches(robot):
     plan = plan_scene(robot, "A", wrenches={"left_tip": [0.0, 1.0, 0, 0, 0, 0.5]})
     assert given_options(plan)["wrenches"] == {"left_tip": [0.0, 1.0, 0, 0, 0, 0.5]}
     turning = {"left_tip": {"wrench": [0, 1, 0, 0, 0, 0], "axes": "tool"}}
     assert given_options(plan_scene(robot, "A", wrenches=turning))["wrenches"] == turning
 
 
-def test_bounds_of_all_laws_count_the_wrenches():
+def test_bounds_of_all_laws_count_the_wrenches(robot):
     """A push that the motors hold at rest is part of what every law needs."""
-    robot = robots.load("five_bar")
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [6.0, 0, 0, 0, 0, 0]})
     bound, peak = bound_plan(plan).value, max(plan.peak_torque.values())
     assert 0.98 * peak < bound * max(plan.optimality.reference) < peak

@@ -195,15 +195,6 @@ def test_an_order_that_no_derivative_has(what: str) -> None:
             function(0.5, order)
 
 
-def test_a_plan_alone_is_simulated_on_its_own_robot() -> None:
-    plan = plan_scene(ROBOT, "C")
-    alone, told = simulate(plan), simulate(ROBOT, plan)
-    assert alone.robot is ROBOT
-    assert alone.tracking_error is not None
-    assert alone.tracking_error < 1e-9
-    np.testing.assert_allclose(alone.q, told.q, rtol=0, atol=1e-12)
-
-
 def test_copies_and_other_processes_cannot_write_either() -> None:
     law = Law.rest_to_rest(1.0, 2)
     for made in (pickle.loads(pickle.dumps(ROBOT)), copy.deepcopy(PATH), copy.deepcopy(law)):

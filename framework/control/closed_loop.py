@@ -1,7 +1,7 @@
 """A controller on robots that differ from its model, with sampling, delay, noise, saturation and friction.
 
-`Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`. A monitor
-compares the platforms with the plan, ends diverged runs and decides which runs pass.
+`Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`.
+`run_closed_loop` drives the robots, ends diverged runs and decides which runs pass.
 """
 
 from __future__ import annotations
@@ -184,73 +184,6 @@ class Run(Outcomes):
     torque: Array  # (periods, R, n_a) [N m] of the motors, until all runs have ended
 
 
-class RunMonitor:
-    """Errors and torques of R runs so far, with the reasons of failures.
-
-    alive: (R,) whether a run still continues.
-    why: (R,) reasons of failures; empty for runs that have not failed.
-    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad]; `error`
-        is MAX_DEVIATION for runs that have ended early.
-    peak: (R, n_a) largest motor torques [N m], motor side.
-    positions: platform coordinates (R, n) of each check.
-    """
-
-    def __init__(self, count: int, robot: ParallelRobot) -> None:
-        """Prepare to monitor `count` runs."""
-        self.robot = robot
-        self.alive = np.ones(count, bool)
-        self.why = [""] * count
-        self.worst = self.error = np.zeros(count)
-        self.peak = np.zeros((count, robot.n_a))
-        self.positions: list[Array] = []
-
-    def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platform coordinates x (R, n) with the plan (n,); end runs that deviate too far.
-
-        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite. `time` [s] is that of
-        the comparison.
-        """
-        deviations = np.abs((x - planned) / self.robot.platform_scale)
-        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)  # (R,) worst coordinate
-        self.end(time, self.error >= MAX_DEVIATION)
-        self.worst = np.maximum(self.worst, self.error)
-        self.positions.append(np.where(self.alive[:, None], x, np.nan))
-
-    def end(self, time: float, runs: BoolArray) -> None:
-        """End the continuing runs in a mask (R,) at `time` [s]."""
-        for run in np.flatnonzero(self.alive & runs):
-            self.why[run] = f"lost at t = {time:.4g} s"
-        self.alive = self.alive & ~runs
-        self.error = np.where(self.alive, self.error, MAX_DEVIATION)
-
-    def update_peaks(self, torque: Array) -> None:
-        """Update the peaks by the torques (R, n_a) of one period."""
-        self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
-
-    def conclude(self, loop: ControlLoop, variations: Sequence[Variation], torque: Array) -> Run:
-        """Judge the runs by the tolerances of the control loop; return their outcomes.
-
-        `torque` (periods, R, n_a) [N m] are the motor torques of all periods.
-        """
-        is_near_plan = self.worst <= loop.tolerance
-        is_near_end = self.error <= loop.end
-        # runs that have diverged have their reasons already
-        for run in np.flatnonzero(self.alive & ~is_near_plan):
-            self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
-        for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
-            self.why[run] = f"{self.error[run]:.3g} off at the end"
-        return Run(
-            passed=self.alive & is_near_plan & is_near_end,
-            why=tuple(self.why),
-            tracking_error=self.worst,
-            end_error=self.error,
-            peak_torque=self.peak,
-            payload=np.array([variation.payload for variation in variations]),
-            x=np.array(self.positions),
-            torque=torque,
-        )
-
-
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Return the torque limits (n_a,) [N m] of the loop.
 
@@ -292,15 +225,18 @@ def run_closed_loop(
     ref = controller.reference
     limit = torque_limit(ref, loop)
     robots = _VariedRobots.of(ref, spread, variations)
-    monitor = RunMonitor(len(variations), ref.robot)
     last = len(ref.times) - 1
+    lost = np.full(len(variations), np.inf)  # (R,) [s] instants at which runs diverged
+    x: list[Array] = []  # (R, n) platform coordinates of each check
     # (K, R, n_a) torques that the controller commands, and torques of the motors, which are delayed
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start  # (R, nq), (R, nv)
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
-            monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
+            x.append(robots.platform_coordinates(k, q, v))
+            is_near = _deviation(ref, x[-1], ref.x[k]) < MAX_DEVIATION  # false for NaN
+            lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
         # a controller may divide by zero at Type 2: an undefined torque counts as none
         with np.errstate(all="ignore"):
@@ -308,17 +244,66 @@ def run_closed_loop(
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
         # until its delay has passed, a run keeps its first command
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
-        monitor.update_peaks(torques[k])
-        if k == last or not monitor.alive.any():
+        if k == last or np.isfinite(lost).all():
             break
 
         q, v = robots.step(k, q, v, torques[k])
-        monitor.end(ref.times[k + 1], _have_diverged(ref, q, v))
-        # runs that have ended wait at their start, as NaN in one run would spoil the stacked solution of all
-        is_running = monitor.alive[:, None]
+        has_diverged = _have_diverged(ref, q, v)
+        lost = np.where(has_diverged, np.minimum(lost, ref.times[k + 1]), lost)
+        # runs that are lost wait at their start, as NaN in one run would spoil the stacked solution of all
+        is_running = np.isinf(lost)[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return monitor.conclude(loop, variations, torques[: k + 1])
+    return _judge(ref, loop, variations, lost, np.array(x), torques[: k + 1])
+
+
+def _deviation(ref: Reference, x: Array, planned: Array) -> Array:
+    """Compute deviations (...,) [robot lengths, rad] of platform coordinates x (..., n) from `planned`."""
+    return np.abs((x - planned) / ref.robot.platform_scale).max(axis=-1)
+
+
+def _judge(
+    ref: Reference,
+    loop: ControlLoop,
+    variations: Sequence[Variation],
+    lost: Array,
+    x: Array,
+    torque: Array,
+) -> Run:
+    """Judge R runs by the tolerances of the control loop; return their outcomes.
+
+    Args:
+        lost: (R,) instants [s] at which runs diverged, infinite for the others.
+        x: (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods.
+        torque: (periods, R, n_a) [N m] of the motors.
+    """
+    instants = np.minimum(PERIODS_PER_CHECK * np.arange(len(x)), len(ref.times) - 1)  # of the checks
+    errors = _deviation(ref, x, ref.x[instants][:, None])  # (checks, R)
+    is_lost = np.isfinite(lost)
+    tracking_error = np.where(is_lost, MAX_DEVIATION, errors.max(axis=0))
+    end_error = np.where(is_lost, MAX_DEVIATION, errors[-1])
+    was_running = ref.times[: len(torque), None] < lost  # (periods, R)
+
+    why = []
+    for time, worst, end in zip(lost, tracking_error, end_error, strict=True):
+        if np.isfinite(time):
+            why.append(f"lost at t = {time:.4g} s")
+        elif worst > loop.tolerance:
+            why.append(f"{worst:.3g} off the plan on the way")
+        elif end > loop.end:
+            why.append(f"{end:.3g} off at the end")
+        else:
+            why.append("")
+    return Run(
+        passed=np.array([not reason for reason in why]),
+        why=tuple(why),
+        tracking_error=tracking_error,
+        end_error=end_error,
+        peak_torque=np.where(was_running[:, :, None], np.abs(torque), 0.0).max(axis=0),
+        payload=np.array([variation.payload for variation in variations]),
+        x=np.where((ref.times[instants, None] < lost)[:, :, None], x, np.nan),
+        torque=torque,
+    )
 
 
 def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from framework.dynamics.forces import mass_matrices, spring_torques
 from framework.dynamics.pointwise_dynamics import type2_pose
@@ -59,10 +58,6 @@ class ControlCycle:
     x, dx: platform coordinates (n,), continuous over full turns from the start, and their rates.
     T: joint rates (nv, n_a) for unit rates of the motors' joints.
     residual: largest residual of all loop equations at q, redundant ones included [m or rad].
-    type2: distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths]. With P (m, m) the passive
-        columns of the loops and sigma their least singular value, the distance lies in [sigma / sqrt(m),
-        sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode, and infinite without
-        passive joints.
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
@@ -88,14 +83,14 @@ class ControlCycle:
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
-        self._scale = np.asfortranarray(robot.passive_scale)  # (m, m) of the entries of P
+        self._scale = robot.passive_scale  # (m, m) of the entries of P
         self._passive_lengths = robot.column_scale[robot.following]  # (m,) of the unknowns
-        self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
+        self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
 
         self.q, self.x = start.q.copy(), start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
-        self._factor_loops(self.q)
-        if not abs(self._determinant) > 0.0:
+        self.T[robot.actuated] = np.eye(robot.n_a)
+        if self._linearise(self.q) == np.inf:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._search: PoseSearch | None = None  # made when needed
         self._rest_at(self.q)
@@ -113,11 +108,11 @@ class ControlCycle:
         rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
         q = self._predict_and_correct(target)
         if q is None:
-            # the refused step has changed T and the factors: restore them first, because
+            # the refused step has changed T and P: restore them first, because
             # `forward_kinematics` may raise an error and the state must remain that of the last cycle
-            self._factor_loops(self.q)
+            self._linearise(self.q)
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
-            self._factor_loops(q)
+            self._linearise(q)
         self._motors = target.copy() if self._has_no_balls else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
@@ -136,7 +131,7 @@ class ControlCycle:
         nearest = self._search.find(self.q, self.x, target)
         q = nearest.q.copy()
         self.x = nearest.x.copy()  # from now on full turns are counted from this x
-        self._factor_loops(q)
+        self._linearise(q)
         self._rest_at(q)
         return nearest
 
@@ -166,6 +161,17 @@ class ControlCycle:
         return self._motor_torque(self._drift_acceleration())
 
     @property
+    def type2(self) -> float:
+        """Distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths].
+
+        With P (m, m) the passive columns of the loops and sigma their least singular value, the distance lies
+        in [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode,
+        and infinite without passive joints.
+        """
+        norm = float(np.abs(self._inverse).sum(axis=0).max(initial=0.0))
+        return 1.0 / norm if norm else np.inf
+
+    @property
     def type1(self) -> float:
         """Signed distance from Type 1: least singular value of dx/dq_a [rad, robot lengths].
 
@@ -177,50 +183,29 @@ class ControlCycle:
         least = singular_values(dx_dq_a)[-1]
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
-    def _factor_loops(self, q: Array) -> float:
-        """Factorise P at q (nq,); set T, `type2` and the Newton step; return the step's size.
+    def _linearise(self, q: Array) -> float:
+        """Compute P^-1, T and the Newton step (n_p,) at q (nq,); return the size of the step.
 
         P and J_a are the passive and the actuated columns of the independent loop equations. The step dq_p
-        (n_p,) and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of the step is
-        its largest entry [rad, robot lengths]; it is infinite if P is singular.
+        and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of the step is its
+        largest entry [rad, robot lengths]; it is infinite if P is singular.
         """
         equations = self._equations
         columns = self._following  # passive joints
         equations.evaluate_pose(q)
         jacobian = equations.jacobian.take(self._independent, axis=0)
-        residual = equations.residual.take(self._independent)
-        self.T[:] = 0.0
-        self.T[self._actuated] = np.eye(len(self._actuated))
-        if not len(columns):
-            self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
-            return 0.0
-
-        P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
-        if not self._factor(P):
+        right_sides = np.empty((len(columns), 1 + len(self._actuated)))
+        right_sides[:, 0] = equations.residual.take(self._independent)
+        right_sides[:, 1:] = jacobian.take(self._actuated, axis=1)
+        self._P = jacobian.take(columns, axis=1) * self._scale
+        try:
+            self._inverse = np.linalg.inv(self._P)
+        except np.linalg.LinAlgError:
             return np.inf
-
-        # in Fortran order LAPACK overwrites the right-hand sides by their solutions, without a copy
-        right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
-        right_sides[:, 0] = residual / self._row_sizes
-        right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
-        solution = dgetrs(self._lu, self._pivots, right_sides, overwrite_b=1)[0]
-        solution *= -1.0
+        solution = self._inverse @ (right_sides / -self._row_sizes)
         self._step = solution[:, 0] * self._passive_lengths
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
-        return float(np.abs(solution[:, 0]).max())
-
-    def _factor(self, P: Array) -> bool:
-        """Factorise P (m, m); set its determinant and `type2`; return whether P is regular."""
-        norm = np.abs(P).sum(axis=0).max()  # 1-norm
-        self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)  # P = permutation L U
-        if is_singular:
-            self._determinant, self.type2 = 0.0, 0.0
-            return False
-        diagonal = self._lu.diagonal()  # of U
-        swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
-        self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
-        self.type2 = float(dgecon(self._lu, norm)[0]) * norm  # dgecon returns 1 / (|P^-1| |P|)
-        return True
+        return float(np.abs(solution[:, 0]).max(initial=0.0))
 
     def _predict_and_correct(self, target: Array) -> Array | None:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
@@ -228,7 +213,7 @@ class ControlCycle:
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
         tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2.
         """
-        last_determinant = self._determinant
+        last_determinant = np.linalg.det(self._P)
         motor_step = target - self._motors  # (n_a,)
         prediction = self.T @ motor_step
         q = self._integrate(self.q, prediction)
@@ -239,12 +224,12 @@ class ControlCycle:
         correction = np.zeros(len(prediction))  # sum of all Newton steps
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
-            size = self._factor_loops(q)
+            size = self._linearise(q)
             if not size < previous_size:  # Newton's method diverges, or P is singular
                 return None
             if size > 0.0:
                 step = np.zeros(len(prediction))
-                step[self._following] = self._step  # set by `_factor_loops`
+                step[self._following] = self._step  # set by `_linearise`
                 q = self._integrate(q, step)
                 correction += step
                 previous_size = size
@@ -261,7 +246,7 @@ class ControlCycle:
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and self._determinant * last_determinant > DETERMINANT_LOST * last_determinant**2
+            and np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
             and self.type2 > BRANCHES_MEET
         )
         return q if is_accepted else None
@@ -317,12 +302,9 @@ class ControlCycle:
         With the drift dJ/dt v of the loops, those of the passive joints solve P a_p = -drift.
         """
         if self._drift is None:
-            columns = self._following
             self._drift = np.zeros(len(self.v))
-            if len(columns):
-                loop_drift = self._equations.drift().take(self._independent) / self._row_sizes
-                passive = -dgetrs(self._lu, self._pivots, loop_drift)[0]
-                self._drift[columns] = passive * self._passive_lengths
+            loop_drift = self._equations.drift().take(self._independent) / self._row_sizes[:, 0]
+            self._drift[self._following] = -(self._inverse @ loop_drift) * self._passive_lengths
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:

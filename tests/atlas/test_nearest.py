@@ -11,6 +11,7 @@ from framework.kinematics.linearised_loops import assembled_at
 from framework.singularity.distances import singularity_distances
 from tests.oracles import five_bar_pose
 
+ROBOT = "five_bar"
 AROUND = 360
 FEW = 100  # cells of the proof, where it is not what is tested
 
@@ -36,8 +37,7 @@ def least_distance(x):
 
 
 @pytest.mark.parametrize("x", [(0.1, 0.345), pytest.param((0.02, 0.15), marks=pytest.mark.slow)])
-def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
-    robot = robots.load("five_bar")
+def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(robot, x):
     found = nearest_singular_pose(robot, assemble(robot, x), max_cells=FEW)
     expected = least_distance(np.array(x))
     # the curve turns from the circle about x by the square of what a ray misses: half a ray's angle at most
@@ -54,8 +54,7 @@ def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
 
 
 @pytest.mark.parametrize("x", [(-0.25, 0.2), pytest.param((0.0, 0.42), marks=pytest.mark.slow)])
-def test_a_leg_ends_where_it_is_stretched(x):
-    robot = robots.load("five_bar")
+def test_a_leg_ends_where_it_is_stretched(robot, x):
     found = nearest_singular_pose(robot, assemble(robot, x), max_cells=FEW)
     edge = five_bar_pose.reachable(np.array([x]))[0]  # of the annulus about the far base, by one circle
     assert found.leg_end == pytest.approx(edge, rel=2e-3)
@@ -84,8 +83,7 @@ def test_what_is_found_is_singular_and_lies_across_the_locus(name):
     assert np.linalg.norm((found.x - robot.reference.x) / scale) == pytest.approx(found.distance, rel=1e-12)
 
 
-def test_nothing_found_is_told_apart_from_nothing_there():
-    robot = robots.load("five_bar")
+def test_nothing_found_is_told_apart_from_nothing_there(robot):
     at = assemble(robot, [0.1, 0.345])
     far = nearest_singular_pose(robot, at, within=0.05, max_cells=FEW)
     assert (far.x, far.distance) == (None, np.inf)

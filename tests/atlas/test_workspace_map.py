@@ -23,6 +23,7 @@ from framework.singularity.traced_locus import TracedLocus
 from tests.oracles import five_bar_pose
 from tests.urdf_edits import parametric_five_bar
 
+ROBOT = "five_bar"
 KEYS = ("g", "conditioning", "torque", "stiffness", "frequency")
 
 
@@ -105,8 +106,7 @@ def test_no_random_start_closes_the_loops_at_a_pose_out_of_reach(name):
         assert (closed == closable).all(), reason.name
 
 
-def test_the_window_of_a_map_is_about_all_that_the_5r_reaches():
-    robot = robots.load("five_bar")
+def test_the_window_of_a_map_is_about_all_that_the_5r_reaches(robot):
     found = survey_window(robot)
     x = replace(found, lower=np.array([-0.5, -0.5]), upper=np.array([0.5, 0.5])).points().reshape(-1, 2)
     reached = x[five_bar_pose.reachable(x) > 0]
@@ -159,8 +159,7 @@ def test_the_locus_on_a_map_is_where_the_rods_are_in_line_however_coarse_the_map
     assert found.locus.sign_changes > size
 
 
-def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus():
-    robot = robots.load("five_bar")
+def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus(robot):
     centre = np.array([0.0, np.sqrt(0.06)])  # on the locus
     found = workspace_map(robot, window(robot, 9, centre - 2e-3, centre + 2e-3), ["g"])
     (curve,) = found.locus.curves
@@ -168,8 +167,7 @@ def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus():
     assert np.abs(five_bar_pose.pose(middle).sine).max() < 1e-4
 
 
-def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
-    robot = robots.load("five_bar")
+def test_a_sign_of_g_that_no_curve_explains_is_told(robot, monkeypatch):
     module = "framework.singularity.locus_on_map"
     monkeypatch.setattr(f"{module}.trace_locus", lambda *given, **more: TracedLocus(robot, ("x", "y"), (), 0))
     found = workspace_map(robot, window(robot, 13), ["g"])
@@ -194,16 +192,14 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     assert "one motor for each freedom" in map_page(found)
 
 
-def test_no_step_goes_through_a_folded_leg():
+def test_no_step_goes_through_a_folded_leg(robot):
     """Straight across the motor's place, where the leg has no length and may come out on either side."""
-    robot = robots.load("five_bar")
     start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
     step = step_poses(robot, assemble(robot, start[0]).q[None], start, end)
     assert step.reason[0] in (PoseReason.OPEN, PoseReason.OTHER_MODE)
 
 
-def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
-    robot = robots.load("five_bar")
+def test_a_kept_band_of_another_map_is_not_taken(robot, tmp_path):
     at = window(robot, 20)
     small, large = (choose_quantities(robot, keys) for keys in (["g"], None))
     places = {

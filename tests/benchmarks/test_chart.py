@@ -1,6 +1,5 @@
 """The chart as a program, its tables and its figures."""
 
-import csv
 import json
 
 import pytest
@@ -8,9 +7,9 @@ import pytest
 from framework import InvalidInput
 from tests.benchmarks.chart import measure, stages, table
 from tests.benchmarks.chart.__main__ import main
-from tests.benchmarks.chart.figures import chart_figure, map_figure, short_figure, styles
+from tests.benchmarks.chart.figures import chart_figure, map_figure, short_figure
 from tests.benchmarks.chart.measure import Effort, Judged, Method, Row, Stage, rows_of, singles
-from tests.benchmarks.chart.reading import losses, sentence, time_to
+from tests.benchmarks.chart.reading import sentence, time_to
 
 
 def invented(stage) -> tuple[Row, ...]:
@@ -31,7 +30,7 @@ def invented(stage) -> tuple[Row, ...]:
 
 
 def test_a_row_is_made_again_by_its_key(capsys):
-    key = "singular:determinant:1e-08"
+    key = "torque:chebyshev:24"
     made = stages.made_again(key)[1]
     assert made.key == key
     main(["--row", key])
@@ -64,9 +63,6 @@ def test_every_row_has_a_key_that_finds_its_method_again(name):
     assert all(method.source for method in stage.methods if method.kind == "peer")
     rows = invented(stage)
     assert len({row.key for row in rows}) == len(rows)
-    read = list(csv.DictReader(table.csv_text(stage, rows).splitlines()))
-    assert [line["row"] for line in read] == [row.key for row in rows]
-    assert all(line["given"] and line["method"] for line in read)
     for row in rows:
         parts = row.key.split(":")
         assert stage.method(parts[1]).name == row.method
@@ -75,43 +71,8 @@ def test_every_row_has_a_key_that_finds_its_method_again(name):
     assert all(text.count(f"`{row.key}`") == 1 for row in rows)
 
 
-CURVES = [name for name in stages.NAMES if not stages.stage(name).is_map]
-MAPS = [name for name in stages.NAMES if name not in CURVES]
-
-
-@pytest.mark.parametrize("name", CURVES)
-def test_curves_are_told_apart_with_colour_and_without(name):
-    stage = stages.stage(name)
-    looks = styles(stage)
-    labels = {method.label for method in stage.methods}
-    assert len({style["marker"] for style in looks.values()}) == len(labels)
-    colors = {looks[method.name]["color"]: method.kind for method in stage.methods}
-    assert len(colors) == len(labels)
-    for method in stage.methods:
-        assert colors[looks[method.name]["color"]] == method.kind
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES]
-)
-def test_legend_and_sentence_stand_below_the_axes(name):
-    stage = stages.stage(name)
-    figure = chart_figure(stage, invented(stage))
-    figure.draw_without_rendering()
-    legends = [legend.get_window_extent() for legend in figure.legends]
-    texts = [text.get_window_extent() for text in figure.texts]
-    lowest = min(ax.get_tightbbox().y0 for ax in figure.axes)
-    for box in (*legends, *texts):
-        assert box.y1 < lowest
-        assert box.x0 > 0
-        assert box.x1 < figure.bbox.x1
-    for legend in legends:
-        assert all(text.y1 < legend.y0 for text in texts)
-
-
-@pytest.mark.parametrize("name", MAPS)
-def test_a_map_has_a_cell_for_each_row(name):
-    stage = stages.stage(name)
+def test_a_map_has_a_cell_for_each_row():
+    stage = stages.stage("failure")
     figure = map_figure(stage, invented(stage))
     assert [ax.get_title(loc="left") for ax in figure.axes] == [method.label for method in stage.methods]
     for ax, method in zip(figure.axes, stage.methods, strict=True):
@@ -161,17 +122,6 @@ def test_the_sentence_names_who_is_quicker_and_who_never_comes_to_it():
     assert "equal within the spread" in sentence(stage, near)
 
 
-def test_losses_are_what_another_is_quicker_at_outside_the_spread():
-    stage = stages.stage("torque")
-    quick, slow = [(1.0, 1e-11)], [(2.0, 1e-7)]
-    assert losses(stage, curves(chebyshev=quick, pointwise=slow)) == []
-    lines = losses(stage, curves(chebyshev=slow, pointwise=quick))
-    assert "2 times more for ours" in lines[0]
-    assert "ours does not come to it" in lines[1]
-    near = [row._replace(upper=3.0) for row in curves(chebyshev=slow, pointwise=quick)]
-    assert len(losses(stage, near)) == 1
-
-
 @pytest.mark.parametrize(
     ("errors", "tried"),
     [
@@ -186,18 +136,6 @@ def test_a_grid_is_refined_until_it_bends_up_or_is_fine(errors, tried):
     assert len(rows_of(stage, Effort(1, 1.0, 99))) == tried
 
 
-def test_rows_are_read_back_and_say_the_same():
-    stage = stages.stage("torque")
-    rows = [
-        *invented(stage)[:3],
-        Row("torque", "pointwise", (17.0, 3.0), float("nan"), float("nan"), float("inf")),
-    ]
-    made = table.document(stage, rows)
-    again = table.read_rows(json.loads(json.dumps(made)))
-    assert table.document(stage, again) == made
-    assert sentence(stage, again) == made["sentence"]
-
-
 def test_a_method_without_a_result_is_a_row_that_says_so():
     stage = stages.stage("torque")
     lost = Row("torque", "chebyshev", (16.0,), float("nan"), float("nan"), float("inf"), note="no answer")
@@ -206,21 +144,16 @@ def test_a_method_without_a_result_is_a_row_that_says_so():
 
 
 @pytest.mark.slow
-def test_the_whole_chart_in_a_quick_run_and_drawn_again(tmp_path, capsys):
+def test_the_whole_chart_in_a_quick_run(tmp_path, capsys):
     main(["--quick", "--out", str(tmp_path)])
     printed = capsys.readouterr().out
     for name in stages.NAMES:
         assert f"{name}: {stages.stage(name).title}" in printed
         made = json.loads((tmp_path / f"{name}.json").read_text())
         assert made["stage"] == name
-        assert made["sentence"] == sentence(stages.stage(name), table.read_rows(made))
-        assert made["sentence"] in (tmp_path / "summary.md").read_text()
-        for suffix in ("csv", "md", "json", "png", "pdf"):
+        assert made["sentence"] in (tmp_path / f"{name}.md").read_text()
+        for suffix in ("md", "json", "png", "pdf"):
             assert (tmp_path / f"{name}.{suffix}").stat().st_size > 200
-    main(["--redraw", "--stage", "torque", "--out", str(tmp_path)])
-    *again, written = capsys.readouterr().out.splitlines(keepends=True)
-    assert "".join(again) in printed
-    assert printed.endswith(written)
 
 
 def test_the_figure_at_a_glance_has_at_most_five_named_curves_of_one_panel():

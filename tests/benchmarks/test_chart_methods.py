@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
+from tests.benchmarks.chart import robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
+from tests.benchmarks.chart.robot import SceneC
 
 
 def cell(panel: str, method: str, *setting: float) -> Row:
@@ -28,7 +29,7 @@ def test_differences_fall_with_the_square_of_the_step_until_rounding():
 
     def error(step: float) -> float:
         law = torque.DifferencedLaw(robot.law(), step)
-        return float(np.abs(torque.pointwise(law, times, torque.direct) - exact).max())
+        return float(np.abs(SceneC(law).pointwise(times) - exact).max())
 
     errors = np.array([error(step) for step in (1e-2, 1e-3, 1e-4)])
     np.testing.assert_allclose(errors[:-1] / errors[1:], 100.0, rtol=0.1)
@@ -80,125 +81,6 @@ def test_a_series_has_the_torque_at_the_singular_instant():
 
 def test_the_robots_own_formula_is_the_closed_form():
     assert max(row("torque", "formula", 64).profile) < 1e-13
-    assert row("closing", "formula", 1).error < 1e-15
-
-
-# ------------------------------------------------------------------ closing
-
-
-def test_newton_squares_the_error():
-    errors = [row("closing", "newton", steps).error for steps in (1, 2, 3)]
-    assert errors[1] < 2 * errors[0] ** 2
-    assert errors[2] < 2 * errors[1] ** 2
-
-
-def test_the_stack_does_what_newton_does_pose_by_pose():
-    for steps in (1, 2, 4):
-        one, other = (row("closing", method, steps).error for method in ("stacked_newton", "newton"))
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-14)
-
-
-def test_with_the_motors_given_ours_is_right_or_refuses():
-    ours = np.array(row("closing", "stacked_newton", 4).profile)
-    assert np.all(np.isnan(ours) | (ours < 1e-11))
-    assert not np.isnan(ours[0])
-    assert np.isnan(ours[-1])  # 2 nm before the meeting of two solutions
-
-
-# ------------------------------------------------------------------ singular
-
-
-def test_a_minimum_is_found_to_half_the_digits_and_a_root_to_all():
-    assert row("singular", "svd_minimum", 1e-14).error > 1e-11
-    for method, setting in (
-        ("bordered_steps", 4),
-        ("bordered_root", 0.2),
-        ("determinant", 1e-14),
-        ("located", 1),
-    ):
-        found = row("singular", method, setting)
-        assert max(found.error, *found.profile) < 1e-13, method
-
-
-# ------------------------------------------------------------------ forward
-
-
-@pytest.mark.slow
-def test_each_integrator_has_its_order():
-    for method, order, steps in (
-        ("pinocchio", 4, (1.5 / 75, 1.5 / 150)),
-        ("explicit", 8, (1.5 / 24, 1.5 / 48)),
-    ):
-        coarse, fine = (row("forward", method, step).error for step in steps)
-        assert np.log2(coarse / fine) == pytest.approx(order, abs=1.0), method
-
-
-def test_the_closed_form_torques_bring_the_payload_along_its_path():
-    assert row("forward", "radau_16", 1e-12).error < 1e-12
-    assert row("forward", "scipy_dop853", 1e-9).error < 1e-9
-
-
-def test_the_squeezer_ends_where_it_is_published_to_end():
-    assert row("forward", "squeezer_radau_5", 1e-8).error < 1e-7
-
-
-@pytest.mark.slow
-def test_two_programs_agree_with_the_squeezers_reference_better_than_with_what_is_published():
-    """Collocation on the framework's equations, and scipy on [M J'; J 0]: 1e-9 is the floor of the angles."""
-    assert 1e-10 < published.floor() < 1e-8
-    for name, tolerance in (("squeezer_radau_5", 1e-14), ("squeezer_scipy_dop853", 1e-13)):
-        assert row("forward", name, tolerance).error < 1e-3 * published.floor()
-
-
-# ------------------------------------------------------------------ robots in space
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["delta", "gough_stewart"])
-def test_robots_in_space_have_the_torques_of_virtual_work(name):
-    for method, setting in (
-        ("nodes", (64,)),
-        ("stacks", (257, 9)),
-        ("pinocchio", (257, 9)),
-        ("proved", (1e-6,)),
-    ):
-        assert row("spatial", f"{name}-{method}", *setting).error < 1e-11, method
-
-
-# ------------------------------------------------------------------ growth, derivatives
-
-
-@pytest.mark.parametrize("method", ["nodes", "dense", "stacks", "pinocchio", "sparse"])
-def test_a_row_of_four_bars_has_the_torque_of_one_line(method):
-    """The least number of nodes or samples does not depend on the loops: the torque is the same function."""
-    few, more = (row("growth", f"loops-{method}", loops) for loops in (2, 10))
-    assert max(few.error, more.error) < growth.GOAL
-    assert few.profile == more.profile
-
-
-@pytest.mark.parametrize("method", ["nodes", "proved", "stacks", "pinocchio"])
-def test_two_crossings_of_the_3_rpr_have_the_torques_of_virtual_work(method):
-    assert row("growth", f"crossings-{method}", 2).error < growth.GOAL
-
-
-def test_exact_derivatives_are_those_of_virtual_work_and_differences_come_near():
-    assert row("derivatives", "delta-stack", derivatives.COUNT).error < 1e-11
-    coarse, fine = (row("derivatives", "delta-differences", step, 4).error for step in (3e-3, 1e-3))
-    assert coarse / fine == pytest.approx(3**4, rel=0.5)
-    assert row("derivatives", "delta-differences", 1e-5, 2).error < 1e-6
-
-
-# ------------------------------------------------------------------ elastic
-
-
-def test_small_displacements_are_off_by_as_much_as_the_rods_give():
-    one, stiff = (row("elastic", "small", scale).error for scale in (1, 10))
-    assert one / stiff == pytest.approx(10, rel=0.1)
-
-
-@pytest.mark.slow
-def test_the_planner_finds_the_deformed_robots_motion():
-    assert row("elastic", "planned", 0.2).error < 1e-10
 
 
 # ------------------------------------------------------------------ failure maps

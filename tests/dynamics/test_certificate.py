@@ -27,6 +27,7 @@ from framework.dynamics.forces import motor_torque
 from framework.numerics.chebyshev import TimeGrid
 from tests.oracles import five_bar as oracle
 
+ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
 
@@ -39,11 +40,6 @@ class Brought:
 
     def __call__(self, t, order=0):
         return self.values(np.asarray(t, dtype=float), order)
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
 
 
 def tails(robot, law) -> list[float]:

@@ -27,11 +27,12 @@ from framework.kinematics.motion_rates import motion_at
 from framework.model.readers import parse_any
 from tests.kinematics.test_couplings import URDF, YAML
 from tests.model.readers.foreign_files import DATA, without_dry_friction
-from tests.robots.every_robot import CASES, in_stages
+from tests.oracles.massless_legs import machine
+from tests.robots.every_robot import CASES, MASSLESS, in_stages
 from tests.robots.test_closures_of_all_kinds import without_right_rod
+from tests.stability.test_many_crossings import massless_legs
 
 STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}  # eighth order, odd
-MASSLESS = {("five_bar", "flexible_links"), ("bricard", "flexible_links")}  # whose springs bear no mass
 STEP = 5e-4  # [rad, robot lengths], and as much a second
 THREE_PRS = Path(__file__).parents[1] / "data" / "three_prs" / "three_prs.yaml"
 
@@ -112,6 +113,16 @@ def test_torque_derivatives_are_differences_of_torques(robot):
     ours = np.concatenate([found.torque_x, found.torque_dx, found.torque_ddx], axis=1) * sizes
     np.testing.assert_allclose(found.torque, torque(np.concatenate([x, dx, ddx])[None])[0], rtol=1e-12)
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_torque_derivatives_are_those_of_virtual_work():
+    """The delta without mass in its legs, by differences in forty digits (tests/oracles/massless_legs.py)."""
+    delta = massless_legs("delta")
+    x, dx, ddx = np.array([-0.13, -0.04, -1.1]), np.array([0.3, -0.2, 0.5]), np.array([-4.0, 3.0, 9.0])
+    found = dynamics_derivatives(delta, assemble(delta, x).q, dx=dx, ddx=ddx)
+    ours = np.concatenate([found.torque_x, found.torque_dx, found.torque_ddx], axis=1)
+    expected = machine("delta").slopes(x, dx, ddx)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_acceleration_derivatives_are_differences_of_accelerations(robot):

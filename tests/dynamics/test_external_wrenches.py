@@ -22,6 +22,9 @@ from framework.planning.scenes import scene_path
 from tests.oracles.closure_rows import frame_of
 from tests.oracles.virtual_work import virtual_work
 
+ROBOT = "five_bar"
+
+
 # A mill pushes back and sideways while it cuts, on the axes of its tool; a press pushes down, ever more.
 MILL_ROWS = [
     [0.0, 0, 0, 0, 0, 0, 0],
@@ -111,8 +114,7 @@ def test_deflections_are_those_that_the_springs_have_under_the_wrench(geometry):
     np.testing.assert_allclose(start, -at_rest.spring_force / robot.stiffness, rtol=1e-9)
 
 
-def test_an_optimal_law_with_a_table_keeps_its_limits_and_certificate():
-    robot = robots.load("five_bar")
+def test_an_optimal_law_with_a_table_keeps_its_limits_and_certificate(robot):
     path = scene_path(robot.description.scenes["C"])
     plan = plan_crossing(
         robot, path, optimize="time", torque_limit=0.3, wrenches=mill("five_bar", "left_tip")
@@ -141,14 +143,12 @@ def test_an_optimal_law_with_a_table_keeps_its_limits_and_certificate():
         ({"left_tip": [[0.0] * 7, [np.nan] * 7]}, "1 of 2 rows are not"),
     ],
 )
-def test_wrenches_that_are_none_are_refused_by_name(wrenches, complaint):
-    robot = robots.load("five_bar")
+def test_wrenches_that_are_none_are_refused_by_name(robot, wrenches, complaint):
     with pytest.raises(InvalidInput, match=complaint):
         plan_crossing(robot, scene_path(robot.description.scenes["C"]), duration=1.5, wrenches=wrenches)
 
 
-def test_a_saved_plan_comes_back_with_its_wrenches(tmp_path):
-    robot = robots.load("five_bar")
+def test_a_saved_plan_comes_back_with_its_wrenches(robot, tmp_path):
     wrenches = mill("five_bar", "left_tip") | {"right_rod": (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)}
     plan = plan_crossing(robot, scene_path(robot.description.scenes["C"]), duration=1.5, wrenches=wrenches)
     save_plan(plan, tmp_path)

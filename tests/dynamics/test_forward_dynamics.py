@@ -10,6 +10,7 @@ from framework.simulation import Stepper
 from tests.oracles.equations_of_motion import defects
 from tests.robots.every_robot import crossing
 
+ROBOT = "five_bar"
 QUICK = ("five_bar", "four_bar", "biglide")
 NAMES = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in robots.CATALOGUE]
 
@@ -92,15 +93,13 @@ def test_parts_without_mass_have_no_acceleration_that_torques_of_one_instant_tel
         ({"wrenches": {"tip": [0] * 6}}, "unknown frame 'tip'"),
     ],
 )
-def test_what_cannot_be(changed, words):
-    robot = robots.load("five_bar")
+def test_what_cannot_be(robot, changed, words):
     given = {"q": assemble(robot).q, "v": np.zeros(4), "torque": np.zeros(2)} | changed
     with pytest.raises(InvalidInput, match=words):
         forward_dynamics(robot, given["q"], given["v"], given["torque"], wrenches=given.get("wrenches"))
 
 
-def test_on_the_locus_it_is_regular():
-    robot = robots.load("five_bar")
+def test_on_the_locus_it_is_regular(robot):
     q = assemble(robot, [0.0, np.sqrt(0.06)]).q
     found = forward_dynamics(robot, q, np.zeros(4), [0.1, 0.1])
     assert found.clearance < 1e-7
@@ -108,8 +107,7 @@ def test_on_the_locus_it_is_regular():
     assert found.platform_acceleration[1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_stack_is_refused_by_the_row_that_cannot_be():
-    robot = robots.load("five_bar")
+def test_a_stack_is_refused_by_the_row_that_cannot_be(robot):
     q, v = np.repeat(assemble(robot).q[None], 3, axis=0), np.zeros((3, 4))
     opening, open_pose = v.copy(), q.copy()
     opening[1, 0], open_pose[2, 0] = 1.0, 3.0

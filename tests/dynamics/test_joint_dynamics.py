@@ -94,7 +94,7 @@ def lagrange_torques(plan, t):
     [
         {"duration": 1.5, "times": [1.0], "speeds": [1.5]},
         pytest.param({"law": "optimal", "duration": 1.5, "optimize": "peak_torque"}, marks=pytest.mark.slow),
-        {"optimize": "time", "torque_limit": 0.165},
+        pytest.param({"optimize": "time", "torque_limit": 0.165}, marks=pytest.mark.slow),
     ],
     ids=["polynomial", "peak torque", "time"],
 )

@@ -20,6 +20,8 @@ from tests.oracles import five_bar_pose
 from tests.oracles.five_bar_pose import BASES, DRIVE, LENGTH, ROD
 from tests.oracles.static_fold import fold
 
+ROBOT = "five_bar"
+FLEXIBILITY = "flexible_links"
 STEPS = 20  # of the load, of the oracle
 H = 1e-5  # [m] of its differences
 
@@ -60,8 +62,7 @@ def followed(x, w):
         (0.22, 1500.0, True),
     ],
 )
-def test_the_5r_gives_way_where_its_energy_does(y, force, snaps):
-    robot = robots.load("five_bar", flexibility="flexible_links")
+def test_the_5r_gives_way_where_its_energy_does(robot, y, force, snaps):
     w = np.array([0.0, force])
     found = loaded_stack(robot, assemble(robot, [0.01, y]).q[None], wrench=w)
     share, softest = followed((0.01, y), w)
@@ -72,8 +73,7 @@ def test_the_5r_gives_way_where_its_energy_does(y, force, snaps):
         assert least_stiffness(robot, found.free)[0] == pytest.approx(softest, rel=1e-4)
 
 
-def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried():
-    robot = robots.load("five_bar", flexibility="flexible_links")
+def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried(robot):
     with pytest.raises(InvalidInput, match="wrench"):
         loaded_stack(robot, robot.reference.q[None], wrench=[1.0])
     with pytest.raises(InvalidInput, match="no springs"):
@@ -165,8 +165,7 @@ def near_type2(count, rng):
 SOFT_PLACE, FORCE = (0.20945440887785466, 0.10879996512734091), (119.8132489174077, 382.560076786355)
 
 
-def test_a_soft_pose_that_stiffens_carries_the_load():
-    robot = robots.load("five_bar", flexibility="flexible_links")
+def test_a_soft_pose_that_stiffens_carries_the_load(robot):
     found = loaded_stack(robot, assemble(robot, SOFT_PLACE).q[None], wrench=FORCE)
     share, place = stepped(SOFT_PLACE, FORCE)
     assert share == 1.0
@@ -181,8 +180,7 @@ def test_a_soft_pose_that_stiffens_carries_the_load():
     ("x", "w"),
     [((0.01, 0.27), (0.0, -300.0)), ((0.01, 0.22), (0.0, 1500.0)), ((-0.1, 0.25), (100.0, -900.0))],
 )
-def test_the_snap_is_the_fold_of_the_truss_to_rounding(x, w):
-    robot = robots.load("five_bar", flexibility="flexible_links")
+def test_the_snap_is_the_fold_of_the_truss_to_rounding(robot, x, w):
     found = loaded_stack(robot, assemble(robot, x).q[None], wrench=w)
     assert found.reason[0] == LoadReason.GIVES_WAY
     reached = robot.platform.coordinates(frames_at(robot, found.q))[0]
@@ -220,7 +218,8 @@ def branch_of(softness):
     return search_path(drawn(7).robot(softness), drawn(7).path).branch
 
 
-@pytest.mark.parametrize("s", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("s", [0.0, 1.0])
 def test_a_fold_is_that_of_all_coordinates(s):
     branch, at = branch_of(100.0), np.array([s])
     expected = fold(branch.robot, branch.path(at)[0], branch.guess(at)[0])

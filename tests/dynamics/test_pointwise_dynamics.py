@@ -12,6 +12,8 @@ from framework.model.description import Actuator, Platform
 from framework.numerics.chebyshev import TimeGrid
 from tests.robots.cut_elsewhere import cut_elsewhere
 
+ROBOT = "five_bar"
+
 
 def scene_of(robot):
     scenes = robot.description.scenes
@@ -127,17 +129,15 @@ def test_inertia_is_what_kinetic_energy_says(moving):
     assert 0.5 * motors @ found.motor_inertia @ motors == pytest.approx(kinetic, rel=1e-9)
 
 
-def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up():
+def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up(robot):
     """The legs of the 5R share the payload's weight in a way that no rigid robot tells."""
-    robot = robots.load("five_bar")
     found = dynamics_at(robot, assemble(robot).q)
     assert np.isnan(found.loop_forces["tip"][2])
     assert "tip: force z" in found.indeterminate
     assert not np.isnan(found.loop_forces["tip"][:2]).any()
 
 
-def test_at_the_singularity_there_is_no_torque_of_an_instant():
-    robot = robots.load("five_bar")
+def test_at_the_singularity_there_is_no_torque_of_an_instant(robot):
     singular = assemble(robot, [0.0, np.sqrt(0.06)]).q
     with pytest.raises(SingularPose, match=r"Type 2.*plan"):
         dynamics_at(robot, singular)
@@ -152,48 +152,17 @@ def test_at_the_singularity_there_is_no_torque_of_an_instant():
         ({"wrenches": {"left_tip": [0] * 3}}, "wrenches: left_tip must be 6 finite numbers"),
     ],
 )
-def test_what_cannot_be(arguments, words):
-    robot = robots.load("five_bar")
+def test_what_cannot_be(robot, arguments, words):
     with pytest.raises(InvalidInput, match=words):
         dynamics_at(robot, assemble(robot).q, **arguments)
 
 
-def test_rows_of_a_stack_that_are_no_numbers_are_named():
-    robot = robots.load("five_bar")
+def test_rows_of_a_stack_that_are_no_numbers_are_named(robot):
     q = np.tile(assemble(robot).q, (2000, 1))
     q[5], q[77, 1] = np.nan, np.inf
     with pytest.raises(InvalidInput, match=r"2 of 2000 rows are not, \[5, 77\]") as refused:
         dynamics_at(robot, q)
     assert len(str(refused.value)) < 200
-
-
-def test_a_stack_of_instants_says_what_each_says_alone(moving):
-    plan, _, _ = moving
-    times = np.array([0.1, 0.2, 0.3]) * plan.duration
-    dx, ddx = plan.platform(times, 1), plan.platform(times, 2)
-    load = {plan.robot.description.platform.frame: [1.0, -2.0, 0.5, 0.1, 0.2, -0.3]}
-    q = plan.dynamics.configuration(times)
-    stack = dynamics_at(plan.robot, q, dx=dx, ddx=ddx, wrenches=load)
-    for k in range(3):
-        one = dynamics_at(plan.robot, q[k], dx=dx[k], ddx=ddx[k], wrenches=load)
-        for name in ("torque", "v", "a", "platform_inertia", "motor_inertia", "clearance"):
-            np.testing.assert_allclose(getattr(stack, name)[k], getattr(one, name), rtol=1e-10, atol=1e-12)
-        for name in ("loop_forces", "reactions"):
-            both = getattr(stack, name), getattr(one, name)
-            scale = max(np.nanmax(np.abs(wrench), initial=0.0) for wrench in both[1].values())
-            for key, wrench in both[1].items():
-                np.testing.assert_allclose(both[0][key][k], wrench, rtol=0, atol=1e-11 * scale)
-
-
-def test_what_was_given_stays_the_givers_own():
-    """A stack may be filled anew for the next call: what was found does not change with it."""
-    robot = robots.load("five_bar")
-    q = np.array([assemble(robot, [0.01 * k, 0.3]).q for k in range(3)])
-    found, as_given = dynamics_at(robot, q), q.copy()
-    q[:] = 0.0
-    np.testing.assert_array_equal(found.q, as_given)
-    expected = dynamics_at(robot, as_given).reactions["left_elbow"]
-    np.testing.assert_array_equal(found.reactions["left_elbow"], expected)
 
 
 def test_A_B_and_C_change_as_their_rates_say(moving):

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Mechanism, NotAssembled, ParallelRobot, assemble
+from framework import Mechanism, NotAssembled, ParallelRobot
 from framework.kinematics.frames import frames_at
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
@@ -46,18 +46,6 @@ def test_what_the_file_gives_is_held_while_the_rest_closes_the_loops():
     assert [q[column] for column in robot.actuated] == [1.3, 1.1]
     errors, _ = opened(robot, q)
     assert np.abs(errors).max() < 1e-13
-
-
-@pytest.mark.parametrize("name", ["five_bar", "delta", "three_upu", "gough_stewart"])
-def test_an_assembled_configuration_is_its_own_reference(name):
-    robot = robots.load(name)
-    start = assemble(robot)
-    size = 0.02 * robot.platform_scale
-    q = assemble(robot, start.x + size * np.random.default_rng(4).uniform(-1, 1, robot.n)).q
-    angles = {robot.coordinates.name_of(column): float(q[column]) for column in range(robot.model.nv)}
-    moved = ParallelRobot.from_description(replace(robot.description, reference=angles))
-    again = moved.reference
-    np.testing.assert_allclose(again.q, q, rtol=0, atol=1e-12 * max(robot.length, 1.0))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -107,10 +95,3 @@ def test_a_reference_far_from_any_assembly_names_the_joint():
     far = {**description.reference, "left_elbow": description.reference["left_elbow"] + 1.0}
     with pytest.raises(NotAssembled, match=r"not near an assembled configuration: \w+ is given as"):
         ParallelRobot.from_description(replace(description, reference=far))
-
-
-def test_a_configuration_cannot_be_moved_by_accident():
-    reference = robots.load("five_bar").reference
-    for values in (reference.q, reference.x):
-        with pytest.raises(ValueError, match="read-only"):
-            values[0] += 1.0

@@ -57,15 +57,6 @@ def test_every_dialect_takes_one_parse_of_each_of_its_files(parses, name):
     assert parses == {"XML": 1, "YAML": 1} if name in ("own", "gepetto", "gepetto folder") else {"XML": 1}
 
 
-@pytest.mark.parametrize("name", FIVE_BARS)
-def test_a_file_and_its_description_are_the_same_robot(name):
-    file, options = FIVE_BARS[name]
-    description = read_any(file, **options)
-    direct = ParallelRobot.from_file(file, **options)
-    assert direct.description == description
-    assert direct.model == ParallelRobot.from_description(description).model
-
-
 @pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_the_urdf_that_was_read_is_the_one_that_the_text_says(name):
     file = robots.CATALOGUE[name].file

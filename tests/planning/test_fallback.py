@@ -74,6 +74,7 @@ def test_a_path_that_ends_before_the_locus_is_planned_with_the_law_of_lower_peak
     assert left.force < 1e-9
 
 
+@pytest.mark.slow
 def test_what_was_tried_is_not_advised():
     with pytest.raises(NoAnswer) as refusal:
         plan_crossing(robots.load("five_bar"), Line(A + (S - 1e-5) * (B - A), B), duration=1.5, speeds=[1.5])

@@ -22,6 +22,7 @@ from framework import (
     plan_crossing,
 )
 
+ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
 TWICE = Line([0.1, 0.345], [-0.2, -0.2])
@@ -32,11 +33,6 @@ CURVED = [
     ),
 ]
 VARIANTS = [("rigid", "rigid"), ("flexible_joints", "deformed"), ("flexible_links", "deformed")]
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
 
 
 @pytest.mark.parametrize("name", ["five_bar", "five_bar_heavy"])

@@ -29,13 +29,9 @@ from framework.planning.request import Request, specification_of
 from framework.planning.saved import plan_document, save_plan
 from framework.planning.scenes import scene_request
 
+ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
 
 
 def typed(robot, *words: str) -> Request:

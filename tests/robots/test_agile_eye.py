@@ -6,22 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import robots
 from framework import Line, Type1Singularity, assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Kinematics
 from tests.oracles.spherical import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 
+ROBOT = "agile_eye"
 ORACLE = Spherical(np.pi / 2, (1, 1, 1))
 
 
 PLACES = 0.7 * np.random.default_rng(1).uniform(-1, 1, (20, 3))
 KINEMATICS = Kinematics(PLACES, ORACLE.motor_angles, ORACLE.ratio, 1e-12, 1e-11)
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("agile_eye")
 
 
 def test_at_the_reference_all_neighbouring_axes_are_orthogonal(robot):

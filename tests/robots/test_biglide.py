@@ -19,6 +19,7 @@ from framework import (
 from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import ASIDE, DIGITS, instants, law_powers, law_value
 
+ROBOT = "biglide"
 HALF, ROD = 0.2, 0.2 * np.sqrt(2)  # [m] half the distance of the rails, length of a rod
 RAILS = np.array([-HALF, HALF])
 SIDES = np.array([-1.0, 1.0])  # left slider below, right slider above the end effector
@@ -36,8 +37,7 @@ def sliders(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("x", np.random.default_rng(1).uniform([-0.08, -0.2], [0.08, 0.2], (8, 2)))
-def test_inverse_kinematics_and_A_B_agree_with_closed_forms(x):
-    robot = robots.load("biglide")
+def test_inverse_kinematics_and_A_B_agree_with_closed_forms(robot, x):
     q = assemble(robot, x).q
     np.testing.assert_allclose(q[robot.actuated], sliders(x), rtol=0, atol=1e-12)
     rods = np.column_stack([x[0] - RAILS, x[1] - sliders(x)]) / ROD  # unit vectors from slider to tip
@@ -47,8 +47,7 @@ def test_inverse_kinematics_and_A_B_agree_with_closed_forms(x):
     np.testing.assert_allclose(ours.B, rows @ B, rtol=0, atol=1e-11 * np.linalg.cond(A))
 
 
-def test_the_rods_are_aligned_on_the_line_midway_between_the_rails():
-    robot = robots.load("biglide")
+def test_the_rods_are_aligned_on_the_line_midway_between_the_rails(robot):
     (point,) = locate_singularities(robot, scene_path(robot.description.scenes["across"]))
     assert point.s == pytest.approx(CROSSING, abs=1e-12)
     assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
@@ -57,8 +56,7 @@ def test_the_rods_are_aligned_on_the_line_midway_between_the_rails():
     assert not locate_singularities(robot, scene_path(robot.description.scenes["clear"]))
 
 
-def test_a_bow_meets_that_line_where_its_circle_does():
-    robot = robots.load("biglide")
+def test_a_bow_meets_that_line_where_its_circle_does(robot):
     start, via, end = (np.array(p) for p in robot.description.scenes["bow"].points)
     rows = 2 * np.array([via - start, end - start])
     centre = np.linalg.solve(rows, [via @ via - start @ start, end @ end - start @ start])
@@ -79,8 +77,7 @@ def test_a_bow_meets_that_line_where_its_circle_does():
     assert crossing.acceleration == pytest.approx(s2, rel=1e-3)
 
 
-def test_the_workspace_ends_where_a_rod_is_normal_to_its_rail():
-    robot = robots.load("biglide")
+def test_the_workspace_ends_where_a_rod_is_normal_to_its_rail(robot):
     for end in (-0.1, 0.1):
         with pytest.raises(OutOfReach) as caught:
             locate_singularities(robot, Line([-0.01, 0.0], [end, 0.02]))

@@ -25,6 +25,7 @@ from framework.kinematics.frames import frames_at
 from framework.model.description import FLEXIBILITIES
 from framework.planning.scenes import scene_path
 
+ROBOT = "bricard"
 QUARTER = np.pi / 2
 GRAVITY = 9.81
 ACROSS, ALONG = (1 + 0.01) / 12, 0.01 / 6  # inertia of a rod of 1 kg, 1 m and 0.1 m square
@@ -77,8 +78,7 @@ def hinges(a, b):
     return np.array([a - QUARTER, b - QUARTER] * 3)
 
 
-def test_rank_is_5_of_6_along_the_whole_curve():
-    robot = robots.load("bricard")
+def test_rank_is_5_of_6_along_the_whole_curve(robot):
     found = check_robot(robot)
     assert (found.mobility, found.loop_equations, found.rank) == (1, 6, 5)
     assert len(found.redundant_rows) == 1
@@ -93,8 +93,7 @@ def test_rank_is_5_of_6_along_the_whole_curve():
     assert values[:, 4].min() > 0.5  # nowhere a second one: the curve has no branch
 
 
-def test_hinges_and_velocities_have_their_closed_forms():
-    robot = robots.load("bricard")
+def test_hinges_and_velocities_have_their_closed_forms(robot):
     for x in np.random.default_rng(1).uniform(-1.5, 0.3, 6):
         b = x + QUARTER
         q = assemble(robot, [x]).q
@@ -126,8 +125,7 @@ def test_condition_8_has_its_closed_form():
     assert crossing.condition.gamma == pytest.approx(-(ahead[1] - back[1]) / (2 * h), rel=1e-5)
 
 
-def test_a_law_that_forgets_gravity_is_refused():
-    robot = robots.load("bricard")
+def test_a_law_that_forgets_gravity_is_refused(robot):
     with pytest.raises(UnboundedTorque) as caught:
         inverse_dynamics(robot, scene_path(robot.description.scenes["dead_point"]), Law.rest_to_rest(2.0, 2))
     assert caught.value.s == pytest.approx((QUARTER - 0.2) / 1.8, abs=1e-12)

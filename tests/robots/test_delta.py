@@ -5,15 +5,14 @@ under test has six rods and a platform that only they keep level.
 """
 
 import numpy as np
-import pytest
 
-import robots
 from framework import assemble
 from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
 
+ROBOT = "delta"
 ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]
 REACH = 0.164 - 0.044  # motor axes, as seen from the centre of the platform [m]
 ARM_MASS, ROD_MASS, PLATFORM_MASS = 1.6, 0.18, 1.5  # [kg]
@@ -122,11 +121,6 @@ CROSSING = Crossing(
     twist_within=1e-10,
     force_within=lambda force: 1e-10 * max(np.abs(force).max(), 10.0),
 )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("delta")
 
 
 def test_the_platform_stays_level(robot):

@@ -17,6 +17,7 @@ from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.spherical import cross, rodrigues, spin
 
+ROBOT = "gough_stewart"
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]
 GEAR, ROTOR = 314.159265, 2e-3  # [rad/m], [kg m^2]
@@ -150,11 +151,6 @@ CROSSING = Crossing(
     away=0.1,
     power_within=1e-9,
 )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("gough_stewart")
 
 
 # ------------------------------------------------------------------ a platform that turns

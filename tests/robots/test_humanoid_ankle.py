@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import robots
 from framework import (
     InvalidInput,
     Line,
@@ -32,15 +31,11 @@ from framework.kinematics.frames import frames_at
 from framework.model.description import Platform
 from tests.oracles.closed_form import Kinematics
 
+ROBOT = "humanoid_ankle"
 CRANK, RODS, GEAR = 0.043, (0.18, 0.12), 18
 MOTORS = np.array([[-0.014, 0.02775, -0.096], [-0.014, -0.02775, -0.156]])
 BALLS = np.array([[-0.0415, 0.0275, 0.0327], [-0.0415, -0.0275, 0.0327]])
 ANKLE, CROSS = np.array([0, 0, -0.28]), np.array([0, 0.00025, -0.012])
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("humanoid_ankle")
 
 
 def about_y(angle):

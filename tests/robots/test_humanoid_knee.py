@@ -7,19 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import robots
 from framework import assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
+ROBOT = "humanoid_knee"
 THIGH, CRANK, ROD, PIN, BEHIND = 0.22, 0.045, 0.21, 0.045, 0.5  # [m], and the pin below straight back [rad]
 GEAR, ROTOR = 18, 1.963e-4
 SCENE = {"ends": (1.2, 2.4), "duration": 0.6}
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("humanoid_knee")
 
 
 def pin(x):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import robots
 from framework import (
     Line,
     NotConverged,
@@ -25,6 +24,7 @@ from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.lagrange import platform_force
 
+ROBOT = "orthoglide"
 LENGTH, HALF = 0.31058, 0.04  # [m]
 CARRIED, ROD, BAR, PLATFORM = 1.5 + 0.5 + 0.2, 0.12, 0.1, 2.5  # [kg]; carriage, column and cross as one
 ROD_ACROSS, ROD_ALONG = ROD * (3 * 0.007**2 + LENGTH**2) / 12, ROD * 0.007**2 / 2
@@ -108,11 +108,6 @@ CROSSING = Crossing(
     twist_within=1e-10,
     force_within=lambda force: 1e-9,
 )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("orthoglide")
 
 
 def test_the_platform_does_not_turn(robot):

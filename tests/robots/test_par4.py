@@ -6,13 +6,12 @@ them.
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
-import robots
 from framework import assemble
 from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
 
+ROBOT = "par4"
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
 REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
 ARM_MASS, ROD_MASS, HALF_MASS, BAR_MASS, TOOL_MASS = 0.8, 0.2, 0.15, 0.1, 1.5  # [kg]
@@ -137,11 +136,6 @@ CROSSING = Crossing(
     away=0.08,
     power_within=1e-9,
 )
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("par4")
 
 
 def test_the_half_plates_do_not_turn(robot):

@@ -14,6 +14,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
 from framework.planning.scenes import scene_path
 
+ROBOT = "standing_quadruped"
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
 LEGS = ("FL", "FR", "HL", "HR")
 LINK = 0.16  # thigh and shank [m]
@@ -79,11 +80,6 @@ class Witness:
 @pytest.fixture(scope="module")
 def witness():
     return Witness()
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("standing_quadruped")
 
 
 @pytest.fixture(scope="module")

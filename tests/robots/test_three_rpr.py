@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import robots
 from framework import Line, assemble, locate_singularities, plan_crossing
 from tests.oracles.planar_work import assert_virtual_work
+
+ROBOT = "three_rpr"
+
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")
@@ -107,11 +109,6 @@ def bodies(x):
         parts += [(GEAR**2 * ROTOR, length), (BLOCK_ABOUT_PIVOT + ROD_ABOUT_CENTRE, direction)]
         parts += [(ROD, bx - ux * ROD_LENGTH / 2), (ROD, by - uy * ROD_LENGTH / 2)]
     return parts
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("three_rpr")
 
 
 def test_inverse_kinematics_of_all_joints(robot):

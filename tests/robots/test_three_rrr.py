@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import robots
 from framework import assemble
 
+ROBOT = "three_rrr"
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform
 LENGTH = mp.mpf("0.6")  # A_i B_i and B_i C_i [m]
@@ -79,11 +79,6 @@ def bodies(x):
         parts += [(CRANK_ABOUT_MOTOR + GEAR**2 * ROTOR, crank), (ROD_ABOUT_CENTRE, rod)]
         parts += [(ROD, (bx + cx) / 2), (ROD, (by + cy) / 2)]
     return parts
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("three_rrr")
 
 
 def test_inverse_kinematics_of_all_joints(robot):

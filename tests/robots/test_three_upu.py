@@ -31,6 +31,7 @@ from framework.model.description import FLEXIBILITIES
 from framework.singularity.type2 import uncontrolled_motion
 from robots.generators import three_upu as generator
 
+ROBOT = "three_upu"
 SHIFT = 0.12 - 0.30  # [m] platform less base radius
 ANGLES = 2 * np.pi / 3 * np.arange(3)
 RADIAL = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(3)])
@@ -117,8 +118,7 @@ def test_three_freedoms_and_no_redundant_row():
     assert (found.mobility, found.loop_equations, found.rank) == (3, 10, 10)
 
 
-def test_joints_have_their_closed_forms_and_the_platform_stays_level():
-    robot = robots.load("three_upu")
+def test_joints_have_their_closed_forms_and_the_platform_stays_level(robot):
     for p in random_positions(6):
         q = assemble(robot, p).q
         found = {robot.coordinates.name_of(k): q[k] for k in range(robot.model.nv)}
@@ -159,9 +159,8 @@ def test_the_symmetric_pose_is_a_constraint_singularity(height, flexibility):
     assert twist[5] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_elsewhere_det_P_is_that_of_the_couples():
+def test_elsewhere_det_P_is_that_of_the_couples(robot):
     """det [n_1 n_2 n_3] = -(3 sqrt(3) / 8) z (x^2 + y^2): nothing but the axis of symmetry, no Type 2."""
-    robot = robots.load("three_upu")
     for p in random_positions(6):
         couples = np.array([leg(p, i)[0] - (leg(p, i)[0] @ RADIAL[i]) * RADIAL[i] for i in range(3)])
         expected = -3 * np.sqrt(3) / 8 * p[2] * (p[0] ** 2 + p[1] ** 2)
@@ -200,8 +199,7 @@ def test_a_line_through_the_axis_meets_it_where_its_plan_view_does(flexibility):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, 2.0, np.pi])
-def test_lines_through_the_axis_in_any_direction_and_both_ways(angle):
-    robot = robots.load("three_upu")
+def test_lines_through_the_axis_in_any_direction_and_both_ways(robot, angle):
     way = np.array([np.cos(angle), np.sin(angle), 0.0])
     start, end = 0.1 * way + 0.55 * UP, -0.06 * way + 0.6 * UP
     (there,) = locate_singularities(robot, Line(start, end))
@@ -213,8 +211,7 @@ def test_lines_through_the_axis_in_any_direction_and_both_ways(angle):
     assert there.slope == pytest.approx(back.slope, rel=1e-6)
 
 
-def test_the_slope_is_that_of_the_smallest_singular_value():
-    robot = robots.load("three_upu")
+def test_the_slope_is_that_of_the_smallest_singular_value(robot):
     path, h = Line(START, END), 1e-5
     (point,) = locate_singularities(robot, path)
     for side in (-h, h):
@@ -222,8 +219,7 @@ def test_the_slope_is_that_of_the_smallest_singular_value():
         assert np.linalg.svd(P, compute_uv=False)[-1] / h == pytest.approx(point.slope, rel=1e-3)
 
 
-def test_an_arc_meets_the_axis_twice_or_touches_it():
-    robot = robots.load("three_upu")
+def test_an_arc_meets_the_axis_twice_or_touches_it(robot):
     meets = np.arccos(0.06 / 0.08)
     points = locate_singularities(robot, around_the_axis(0.06, 0.08, -1.2, 1.0))
     assert [point.contact for point in points] == ["transversal"] * 2
@@ -234,8 +230,7 @@ def test_an_arc_meets_the_axis_twice_or_touches_it():
     assert (point.kind, point.corank, point.contact) == ("constraint", 2, "tangential")
 
 
-def test_a_spline_through_the_axis_meets_it_in_its_knot():
-    robot = robots.load("three_upu")
+def test_a_spline_through_the_axis_meets_it_in_its_knot(robot):
     path = Spline([START, [0.05, 0.04, 0.56], [0, 0, 0.58], [-0.05, 0.01, 0.6], END])
     (point,) = locate_singularities(robot, path)
     np.testing.assert_allclose(path(point.s)[:2], 0.0, atol=1e-9)
@@ -243,8 +238,7 @@ def test_a_spline_through_the_axis_meets_it_in_its_knot():
 
 
 @pytest.mark.parametrize("distance", [5e-5, -5e-5, 1e-6])
-def test_a_path_beside_the_axis_meets_nothing_and_has_lagrange_s_torques(distance):
-    robot = robots.load("three_upu")
+def test_a_path_beside_the_axis_meets_nothing_and_has_lagrange_s_torques(robot, distance):
     path = Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS)
     assert locate_singularities(robot, path) == ()
     assert locate_singularities(robot, Line(path(1.0), path(0.0))) == ()
@@ -256,18 +250,16 @@ def test_a_path_beside_the_axis_meets_nothing_and_has_lagrange_s_torques(distanc
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_path_1e_8_m_beside_the_axis_meets_it(way):
+def test_a_path_1e_8_m_beside_the_axis_meets_it(robot, way):
     """Nearer than what counts as moving: 1e-7 of a unit motion."""
-    robot = robots.load("three_upu")
     ends = (START + 1e-8 * SIDEWAYS, END + 1e-8 * SIDEWAYS)[::way]
     (point,) = locate_singularities(robot, Line(*ends))
     assert point.s == pytest.approx(0.6 if way > 0 else 0.4, abs=1e-7)  # the path is 0.2 m long
     assert (point.kind, point.corank) == ("constraint", 2)
 
 
-def test_the_track_keeps_the_platform_level_beside_the_axis():
+def test_the_track_keeps_the_platform_level_beside_the_axis(robot):
     """Branches with the platform turned cross there; the track takes none of them."""
-    robot = robots.load("three_upu")
     s = np.linspace(0.0, 1.0, 41)
     for distance in (0.0, 1e-7, 1e-5, 1e-3):
         branch = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
@@ -278,8 +270,7 @@ def test_the_track_keeps_the_platform_level_beside_the_axis():
 
 
 @pytest.mark.parametrize("times", [None, [], [0.6]])
-def test_no_law_leads_through_the_axis(times):
-    robot = robots.load("three_upu")
+def test_no_law_leads_through_the_axis(robot, times):
     with pytest.raises(
         UncontrolledMotions, match=r"two uncontrolled motions at once at s = 0\.6, .* constraint"
     ) as e:
@@ -287,8 +278,7 @@ def test_no_law_leads_through_the_axis(times):
     assert (e.value.count, e.value.s) == (2, pytest.approx(0.6, abs=1e-11))
 
 
-def test_a_path_that_starts_on_the_axis_is_refused_and_not_as_type_1():
-    robot = robots.load("three_upu")
+def test_a_path_that_starts_on_the_axis_is_refused_and_not_as_type_1(robot):
     with pytest.raises(UncontrolledMotions, match="two uncontrolled motions at once") as caught:
         locate_singularities(robot, Line([0, 0, 0.6], START))
     np.testing.assert_allclose(caught.value.platform, [0, 0, 0.6], atol=1e-6)

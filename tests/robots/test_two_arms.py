@@ -13,6 +13,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
 from framework.planning.scenes import scene_path
 
+ROBOT = "two_arms"
 BAXTER = "package://example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 JOINTS = ("s0", "s1", "e1", "w0", "w1", "w2")
 LOCKED = {"left_e0": -0.5, "right_e0": 0.5}
@@ -73,11 +74,6 @@ class Witness:
 @pytest.fixture(scope="module")
 def witness():
     return Witness()
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("two_arms")
 
 
 @pytest.fixture(scope="module")

@@ -200,12 +200,6 @@ def test_figures_are_drawn_on_the_axes_that_one_gives(crossing_plan, draw):
     assert curves(ax)
 
 
-def test_the_law_is_drawn_on_the_axes_that_one_gives(crossing_plan):
-    axes = new_figure(3)
-    assert plots.plot_law(crossing_plan, axes) == axes
-    assert all(curves(ax) for ax in axes)
-
-
 def test_all_figures_are_saved_as_pages_of_a_pdf_and_as_png(crossing_plan, tmp_path):
     settings = dict(matplotlib.rcParams)
     document, *pictures = plots.save_figures(crossing_plan, tmp_path)

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotAssembled, ParallelRobot, plan_scene, simulate
+from framework import InvalidInput, NotAssembled, plan_scene, simulate
 from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.equations import EquationsOfMotion
 
-
-@pytest.fixture(scope="module")
-def robot() -> ParallelRobot:
-    return robots.load("five_bar", flexibility="flexible_links")
+ROBOT = "five_bar"
+FLEXIBILITY = "flexible_links"
 
 
 @pytest.fixture(scope="module")

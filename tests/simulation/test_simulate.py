@@ -17,10 +17,8 @@ from tests.oracles.equations_of_motion import defects_of
 from tests.oracles.forward_simulation import simulate_robot
 from tests.robots.every_robot import crossing
 
-
-@pytest.fixture(scope="module")
-def robot() -> ParallelRobot:
-    return robots.load("five_bar", flexibility="flexible_links")
+ROBOT = "five_bar"
+FLEXIBILITY = "flexible_links"
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import robots
 from framework import simulate
 
+ROBOT = "slider_crank"
+FLEXIBILITY = "flexible_links"
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m]
 FLYWHEEL, ROD_MASS, SLIDER = 2.05, 0.12, 0.3  # [kg]
 FLYWHEEL_CENTRE, ROD_CENTRE = 0.001, 0.06  # [m]
@@ -63,11 +64,6 @@ def acceleration(torque, y, rate):
 
 def torque(t):
     return 0.02 * np.sin(30.0 * t)
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("slider_crank", flexibility="flexible_links")
 
 
 @pytest.fixture(scope="module")

@@ -17,10 +17,7 @@ from framework.singularity.jogging import (
 )
 from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
+ROBOT = "five_bar"
 
 
 def gap(robot, q) -> float:

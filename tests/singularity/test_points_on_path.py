@@ -19,13 +19,9 @@ from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
 
+ROBOT = "five_bar"
 LEFT, RIGHT = np.array([-0.2, 0.0]), np.array([0.2, 0.0])
 LENGTH = 0.25
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("five_bar")
 
 
 def locus(crank: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from tests.robots import test_n_four_bar as n_four_bar
 from tests.robots import test_three_upu as three_upu
 from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
+ROBOT = "five_bar"
 TOP = np.sqrt(0.06)  # [m] above the base: both rods of the 5R in line
 
 
@@ -83,8 +84,7 @@ def delta_with_parallel_rods():
     return robot, joints
 
 
-def test_a_regular_pose_is_none_of_them():
-    robot = robots.load("five_bar")
+def test_a_regular_pose_is_none_of_them(robot):
     found = classify(robot, assemble(robot), along=[0, 1])
     assert found.regular
     assert (found.kinds, found.legs, found.contact) == ((), (), "")
@@ -101,8 +101,7 @@ def test_type_1_names_the_leg():
     assert np.isfinite(found.torque_norm)
 
 
-def test_type_2_gives_the_twist_that_the_motors_do_not_hold():
-    robot = robots.load("five_bar")
+def test_type_2_gives_the_twist_that_the_motors_do_not_hold(robot):
     found = classify(robot, assemble(robot, [0, TOP]))
     assert found.kinds == ("type_2",)
     np.testing.assert_allclose(np.abs(found.twists), [[0, 1]], atol=1e-12)
@@ -111,8 +110,7 @@ def test_type_2_gives_the_twist_that_the_motors_do_not_hold():
     np.testing.assert_allclose(found.transmission_angle, 0, atol=1e-7)
 
 
-def test_both_at_once_are_both_named():
-    robot = robots.load("five_bar")
+def test_both_at_once_are_both_named(robot):
     motor_to_elbow = np.array([-MOTORS[0][0], np.sqrt(LINK**2 - MOTORS[0][0] ** 2)])
     found = classify(robot, on_the_self_motion_circle(np.arctan2(motor_to_elbow[1], motor_to_elbow[0])))
     assert found.kinds == ("type_1", "type_2")
@@ -194,8 +192,7 @@ def test_an_architecturally_singular_platform_is_told_from_one_that_is_singular_
         assert (flat.corank, len(flat.twists), flat.contact) == (3, 3, contact)
 
 
-def test_a_touch_a_crossing_and_a_near_miss_are_told_apart():
-    robot = robots.load("five_bar")
+def test_a_touch_a_crossing_and_a_near_miss_are_told_apart(robot):
     on = assemble(robot, [0, TOP])
     assert classify(robot, on, along=[0, 1]).contact == "transversal"
     assert classify(robot, on, along=[1, 0]).contact == "tangential"  # the locus is level there, by symmetry
@@ -212,8 +209,7 @@ def test_a_touch_a_crossing_and_a_near_miss_are_told_apart():
 
 
 @pytest.mark.parametrize("point", [[0.1, 0.345], [-0.05, 0.195], [0.15, 0.1]])
-def test_the_distances_of_the_5r_are_those_of_its_geometry(point):
-    robot = robots.load("five_bar")
+def test_the_distances_of_the_5r_are_those_of_its_geometry(robot, point):
     found = classify(robot, assemble(robot, point))
     A, B = oracle.velocity_matrices(point)[:2]  # joint side
     held = np.linalg.solve(A.T, np.eye(2)).T @ np.asarray(B)  # row: torques of a unit force along an axis
@@ -240,8 +236,7 @@ def test_the_worst_torque_per_newton_is_reached_and_not_passed_by_statics():
     assert worst > 0.9 * found.motor_torque_norm
 
 
-def test_no_contact_is_given_where_no_path_can_be_followed():
-    robot = robots.load("five_bar")
+def test_no_contact_is_given_where_no_path_can_be_followed(robot):
     q = on_the_self_motion_circle(np.arctan2(np.sqrt(LINK**2 - 0.04), 0.2))
     with pytest.raises(InvalidInput, match="does not determine its joints"):
         classify(robot, q, along=[0.8, 0.6])

@@ -14,6 +14,9 @@ from framework.singularity.drawn_locus import locus_curves
 from tests.robots.test_gough_stewart import plucker
 from tests.singularity.test_points_on_path import LEFT, LENGTH, RIGHT
 
+ROBOT = "three_rrr"
+
+
 with mp.workdps(40):
     MOTORS_3RRR = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]
     CORNERS_3RRR = [
@@ -92,8 +95,7 @@ def rods(robot, curve):
 
 
 @pytest.mark.slow
-def test_the_3_rrr_has_its_locus_in_other_working_modes_where_its_own_has_next_to_none():
-    robot = robots.load("three_rrr")
+def test_the_3_rrr_has_its_locus_in_other_working_modes_where_its_own_has_next_to_none(robot):
     traced = trace_locus(robot, robot.reference.q, starts=16)
     assert sum(np.ptp(curve.x[:, 0]) > 0.5 for curve in traced.curves) >= 4
     for curve in traced.curves:
@@ -102,8 +104,7 @@ def test_the_3_rrr_has_its_locus_in_other_working_modes_where_its_own_has_next_t
         np.testing.assert_allclose(curve.x[:, 2], robot.reference.x[2], atol=1e-12)
 
 
-def test_the_3_rrr_draws_its_locus_about_its_crossing():
-    robot = robots.load("three_rrr")
+def test_the_3_rrr_draws_its_locus_about_its_crossing(robot):
     (point,) = locate_singularities(robot, scene_path(robot.description.scenes["crossing"]))
     drawn = locus_curves(robot, point.q, point.platform)
     assert gap(drawn.curves, point.platform[None, :2]).max() < 1e-3
@@ -194,9 +195,8 @@ def open_by(cranks, turn):
 
 
 @pytest.mark.slow
-def test_at_a_cusp_in_the_space_of_the_motors_three_assembly_modes_meet():
+def test_at_a_cusp_in_the_space_of_the_motors_three_assembly_modes_meet(robot):
     """The one equation of the forward kinematics has a triple root there, and a double one beside it."""
-    robot = robots.load("three_rrr")
     traced = trace_locus(robot, robot.reference.q, free=("motor_1", "motor_2"), starts=12)
     assert len(traced.cusps) >= 4
     with mp.workdps(40):

@@ -37,7 +37,9 @@ def test_rigid_torques_scale_as_one_over_the_square_of_the_duration(duration):
     assert np.abs(scaled_torque(duration) - one).max() < 1e-11 * np.abs(one).max()
 
 
-@pytest.mark.parametrize("flexibility", ["flexible_joints", "flexible_links"])
+@pytest.mark.parametrize(
+    "flexibility", [pytest.param("flexible_joints", marks=pytest.mark.slow), "flexible_links"]
+)
 def test_elastic_robots_are_as_rigid_in_a_fortnight_and_torn_in_a_microsecond(flexibility):
     slow, slower = (scaled_torque(duration, flexibility) for duration in (1e4, 1e6))
     assert np.abs(slower - slow).max() < 1e-7 * np.abs(slow).max()  # deflections fall as 1 / T^2

@@ -236,8 +236,8 @@ def test_all_scenes_are_planned_alike(name, change):
     [
         ("par4", "a speck"),
         ("delta", "a smaller speck"),
-        ("gough_stewart", "a smaller speck"),
-        ("spherical_rrr", "lengths x 0.0001"),
+        pytest.param("gough_stewart", "a smaller speck", marks=pytest.mark.slow),
+        pytest.param("spherical_rrr", "lengths x 0.0001", marks=pytest.mark.slow),
     ],
 )
 def test_gravity_does_not_drown_condition_8_in_a_small_robot(name, change):

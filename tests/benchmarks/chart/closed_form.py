@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from math import atan2, perm
+from math import perm
 from typing import NamedTuple
 
 import numpy as np
@@ -141,22 +141,6 @@ def singular_s(stretch: Sequence[Decimal] = (Decimal(0), Decimal(0))) -> Decimal
 
     with localcontext(prec=DIGITS):
         return _secant(area, Decimal("0.66"), Decimal("0.67"))
-
-
-def singular_twist() -> Array:
-    """t_s (2,) on scene C's path: across the rods, of unit length, pointing along the path."""
-    with localcontext(prec=DIGITS):
-        rod = legs(on_line(singular_s()))[0].rod
-        across = _turned(rod)
-        size = dot(across, across).sqrt() * (1 if dot(across, on_line(Decimal(0), 1)) > 0 else -1)
-        return np.array([float(across[0] / size), float(across[1] / size)])
-
-
-def crank_angles(s: Iterable[float]) -> Array:
-    """Angles (T, 2) [rad] of the cranks on scene C's path at s (T,), from the base's x axis."""
-    with localcontext(prec=DIGITS):
-        both = [legs(on_line(Decimal(value))) for value in s]
-    return np.array([[atan2(float(leg.crank[1]), float(leg.crank[0])) for leg in pair] for pair in both])
 
 
 @dataclass(frozen=True)

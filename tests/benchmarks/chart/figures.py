@@ -6,7 +6,6 @@ methods apart in grey. The legend and the reader's sentence stand below the axes
 
 import textwrap
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +23,10 @@ PALETTE = {
     "peer": ("#D55E00", "#CC79A7", "#E69F00", "#882255", "#999933", "#8c510a", "#dd6677"),
     "frontier": ("#000000",),
 }
-WIDTH, AXES, LOW_AXES = 7.2, 2.7, 1.9  # [in] two journal columns; height of axes, and of one row of several
+WIDTH, AXES = 7.2, 2.7  # [in] two journal columns; height of axes
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
 TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
-DECADE = 10.0
-NARROW = 1.5  # largest over smallest below which an axis of errors is not logarithmic
-MOST_TICKS = 7  # settings that are all written at the axis
 MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
@@ -41,40 +37,31 @@ DIGITS = 16  # that a cell may lose
 
 
 def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
-    """The figure of a stage: errors over times and the profile, or quantities over settings."""
+    """The figure of a stage: errors over times, axes for each of its problems, and the profile of all."""
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
     named: dict[str, Method] = {}  # one entry a label, the first one's
     for method in drawn:
         named.setdefault(method.label, method)
-    quantities = ("work", *(("profile",) if stage.profile else ())) if stage.goals else stage.shown
-    plots = [(panel, quantity) for quantity in quantities for panel in stage.panels]
-    if stage.goals:  # one profile for all problems
-        plots = plots[: len(stage.panels) + bool(stage.profile)]
-    columns = len(plots) if stage.goals or len(stage.panels) == 1 else len(stage.panels)
-    text, lines = _below(stage, rows), -(-len(plots) // columns)
+    text, columns = _below(stage, rows), len(stage.panels) + bool(stage.profile)
     below = BELOW + LINE * (-(-len(named) // LEGEND_COLUMNS) + len(text) + 1)
-    tall = AXES if lines == 1 else LOW_AXES
-    height = below + lines * (TOP + tall) + (lines - 1) * BELOW
-    figure, looks = Figure(figsize=(WIDTH, height)), styles(stage)
+    height = below + TOP + AXES
     width = (WIDTH - LEFT - 0.1 - BETWEEN * (columns - 1)) / columns
-    for k, (panel, quantity) in enumerate(plots):
-        line, column = divmod(k, columns)
-        left, bottom = LEFT + column * (width + BETWEEN), height - (line + 1) * (TOP + tall) - line * BELOW
-        ax = figure.add_axes((left / WIDTH, bottom / height, width / WIDTH, tall / height))
-        if stage.goals and quantity == "profile":
-            _plot_profile(ax, stage, drawn, rows, looks)
-            continue
+    figure, looks = Figure(figsize=(WIDTH, height)), styles(stage)
+    axes = [
+        figure.add_axes(
+            ((LEFT + k * (width + BETWEEN)) / WIDTH, below / height, width / WIDTH, AXES / height)
+        )
+        for k in range(columns)
+    ]
+    for panel, ax in zip(stage.panels, axes, strict=False):
         for method in drawn:
             if method.panel == panel:
-                plot = _plot_work if quantity == "work" else partial(_plot_over, quantity=quantity)
-                plot(ax, finite(rows, method.name), looks[method.name])
-        one = next(method for method in stage.methods if method.panel == panel)
-        _scaled(ax, TIME if stage.goals else stage.abscissa or one.unit)
-        if not stage.goals and len(one.settings) <= MOST_TICKS:
-            ax.set_xticks([setting[0] for setting in one.settings], minor=False)
-        ax.set_ylabel({"time": TIME, "profile": stage.profile_error}.get(quantity, stage.error))
-        title = "" if line else panel or stage.title
-        ax.set_title(stage.profile_title if quantity == "profile" else title, loc="left")
+                _plot_work(ax, finite(rows, method.name), looks[method.name])
+        _scaled(ax, TIME)
+        ax.set_ylabel(stage.error)
+        ax.set_title(panel or stage.title, loc="left")
+    if stage.profile:
+        _plot_profile(axes[-1], stage, drawn, rows, looks)
     handles = [
         figure.axes[0].plot([], [], **looks[method.name], label=f"{method.label} ({method.given})")[0]
         for method in named.values()
@@ -202,42 +189,23 @@ def _points(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
     return [1e3 * row.seconds for row in rows], [max(row.error, LEAST) for row in rows]
 
 
-def _plot_over(ax: Axes, rows: Sequence[Row], look: dict[str, Any], *, quantity: str) -> None:
-    """Time with its spread, error or profile over the first number of the setting."""
-    places = [row.setting[0] for row in rows]
-    if quantity == "time":
-        ax.vlines(
-            places, _points(rows)[0], [1e3 * row.upper for row in rows], color=look["color"], linewidth=0.6
-        )
-    values = [{"time": 1e3 * row.seconds, "error": row.error}.get(quantity) for row in rows]
-    shown = [row.profile[0] if value is None else value for row, value in zip(rows, values, strict=True)]
-    ax.plot(places, np.maximum(shown, LEAST), **look)
-
-
 def _plot_profile(
     ax: Axes, stage: Stage, methods: Sequence[Method], rows: Sequence[Row], looks: dict[str, dict[str, Any]]
 ) -> None:
-    """Errors in each class, of the best setting of each method; of a single class over time."""
+    """Errors in each class, of the best setting of each method."""
     for method in methods:
         known = [row for row in finite(rows, method.name) if row.profile]
-        if len(stage.profile) == 1:
-            ax.plot(_points(known)[0], [max(row.profile[0], LEAST) for row in known], **looks[method.name])
-        elif known:
+        if known:
             chosen = min(known, key=lambda row: row.error)
             ax.plot(stage.profile, np.maximum(chosen.profile, LEAST), **looks[method.name])
-    _scaled(ax, stage.profiled or TIME)
-    ax.set_ylabel(stage.profile_error or stage.error)
+    _scaled(ax, stage.profiled)
+    ax.set_ylabel(stage.error)
     ax.set_title(stage.profile_title, loc="left")
 
 
 def _scaled(ax: Axes, label: str) -> None:
-    """Logarithmic axes; plain numbers where they span few decades."""
+    """Logarithmic axes; plain numbers where times span few decades."""
     ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    if high < NARROW * low:
-        ax.set_yscale("linear")
-    elif high < DECADE * low:  # whole decades, so that no tick between them needs a label
-        ax.set_ylim(*(10.0 ** rounded(np.log10(end)) for rounded, end in ((np.floor, low), (np.ceil, high))))
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel(label)
     ax.set_xscale("log")

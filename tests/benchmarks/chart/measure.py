@@ -20,7 +20,6 @@ import numpy as np
 
 from framework import FrameworkError, InvalidInput
 from framework.errors import choose_from
-from framework.numerics.arrays import Array
 
 Setting = tuple[float, ...]
 FINEST = 1e-13  # error, in the unit of the stage, below which no finer setting is tried
@@ -37,14 +36,6 @@ class Effort(NamedTuple):
 
 
 FULL, QUICK = Effort(9, 0.6, 99), Effort(0, 0.1, 1)
-
-
-class Outcome(NamedTuple):
-    """What a method of the map of failure returned, what is exact, and the size of that."""
-
-    computed: Array
-    exact: Array
-    size: float
 
 
 class Judged(NamedTuple):
@@ -102,12 +93,9 @@ def no_remark(rows: Sequence[Row]) -> str:
 class Stage:
     """Methods for one question, their reference, and how the chart shows them.
 
-    goals: errors to which the times of the methods are compared; none where the figure is over settings.
-    abscissa: what the first number of a setting is, if not as its method's unit says; in that case
-    shown: what is drawn over it, of time, error and profile (its only class).
+    goals: errors to which the times of the methods are compared; none where the figure is a map.
     profile, profiled: the classes of `Judged.profile`, and what they are.
-    profile_error, profile_title: what these errors are, if not the same, and what to say of it.
-    is_map: whether the figure is a map over the two numbers of a setting, named by the unit of its method.
+    profile_title: what to say of these errors.
     remark: what the reader should see besides the times, from the rows.
     short: names of at most five curves, by method of one panel, for the figure that is read at a glance, each
         with the row that it stands beside: 0 the quickest, above it, -1 the best, below it.
@@ -121,19 +109,15 @@ class Stage:
     judge: Callable[[Method, Setting, Any], Judged]
     goals: tuple[float, ...] = ()
     remark: Callable[[Sequence[Row]], str] = no_remark
-    abscissa: str = ""
-    shown: tuple[Literal["time", "error", "profile"], ...] = ("error",)
     profile: tuple[float, ...] = ()
     profiled: str = ""
-    profile_error: str = ""
     profile_title: str = ""
-    is_map: bool = False
     short: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
     @property
-    def timed(self) -> bool:
-        """Whether it is about time."""
-        return bool(self.goals) or "time" in self.shown
+    def is_map(self) -> bool:
+        """Whether the figure is a map over the two numbers of a setting, named by the unit of its method."""
+        return not self.goals
 
     @property
     def panels(self) -> tuple[str, ...]:
@@ -187,15 +171,16 @@ class Trial(NamedTuple):
     runs: int  # in one measurement
 
 
-def rows_of(stage: Stage, effort: Effort = FULL, advance: Callable[[], None] = lambda: None) -> list[Row]:
-    """All rows of a stage whose peers are installed; `advance` is called after each first run."""
-    trials = []
-    for method in stage.methods:
-        for series in method.series if method.installed else ():
-            for trial in _series(stage, method, series, effort):
-                trials.append(trial)
-                advance()
-    return _repeated(trials, effort.repeats if stage.timed else 0)
+def rows_of(stage: Stage, effort: Effort = FULL) -> list[Row]:
+    """All rows of a stage whose peers are installed."""
+    installed = [method for method in stage.methods if method.installed]
+    trials = [
+        trial
+        for method in installed
+        for series in method.series
+        for trial in _series(stage, method, series, effort)
+    ]
+    return _repeated(trials, 0 if stage.is_map else effort.repeats)
 
 
 def _series(stage: Stage, method: Method, settings: list[Setting], effort: Effort) -> Iterator[Trial]:
@@ -250,13 +235,6 @@ def _repeated(trials: Sequence[Trial], repeats: int) -> list[Row]:
             trials, times.min(axis=0), np.quantile(times, 0.75, axis=0), strict=True
         )
     ]
-
-
-def relative_error(computed: Array, exact: Array) -> float:
-    """The largest error over the largest exact value; infinite where something computed is no number."""
-    with np.errstate(all="ignore"):
-        error = float(np.abs(computed - exact).max() / np.abs(exact).max())
-    return error if np.isfinite(error) else np.inf
 
 
 def read_setting(text: str) -> Setting:

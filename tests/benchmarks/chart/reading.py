@@ -5,7 +5,6 @@ error, joined by straight lines in the logarithms; the time to an error is read 
 """
 
 from collections.abc import Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -73,18 +72,6 @@ def sentence(stage: Stage, rows: Sequence[Row]) -> str:
                 where = f"{panel}, to" if panel else "to"
                 lines.append(f"{where[0].upper()}{where[1:]} {goal:.0e}: {words}.")
     return " ".join([*lines, stage.remark(rows)]).strip()
-
-
-def losses(stage: Stage, rows: Sequence[Row]) -> list[str]:
-    """Where another is quicker than all of ours, outside the spread, or comes to an error that ours miss."""
-    lines = []
-    for panel, goal in product(stage.panels, stage.goals):
-        times = times_to(stage, rows, goal, panel)
-        peers, ours = ([time for time in times if time.method.kind == kind] for kind in ("peer", "ours"))
-        if peers and (not ours or peers[0].upper < ours[0].least):
-            where = f"{stage.title}, {panel}" if panel else stage.title
-            lines.append(f"{where}, to {goal:.0e}: {compared([*ours[:1], peers[0]])}.")
-    return lines
 
 
 def counts(stage: Stage, rows: Sequence[Row]) -> str:

@@ -1,6 +1,5 @@
 """The stages of the chart by name, each imported when it is asked for."""
 
-from collections.abc import Sequence
 from importlib import import_module
 
 import numpy as np
@@ -9,18 +8,7 @@ from framework import InvalidInput
 from framework.errors import choose_from
 from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting
 
-NAMES = (
-    "torque",
-    "closing",
-    "singular",
-    "forward",
-    "elastic",
-    "spatial",
-    "growth",
-    "derivatives",
-    "optimal",
-    "failure",
-)
+NAMES = ("torque", "failure")
 
 
 def stage(name: str) -> Stage:
@@ -32,12 +20,6 @@ def stage(name: str) -> Stage:
     if name not in NAMES:
         raise InvalidInput(choose_from("stage", name, NAMES))
     return import_module(f"tests.benchmarks.chart.{name}").STAGE
-
-
-def count(stages: Sequence[Stage], longest: int) -> int:
-    """How many rows there will be at most, with so many settings of a series."""
-    installed = [method for one in stages for method in one.methods if method.installed]
-    return sum(min(len(series), longest) for method in installed for series in method.series)
 
 
 def made_again(key: str) -> tuple[Stage, Row]:

@@ -1,7 +1,5 @@
-"""The rows of a stage as a table: CSV and JSON for programs, Markdown for readers."""
+"""The rows of a stage as a table: JSON for programs, Markdown for readers."""
 
-import csv
-import io
 import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -12,11 +10,7 @@ import numpy as np
 from tests.benchmarks.chart.measure import FULL, Row, Stage
 from tests.benchmarks.chart.reading import sentence, time_to
 
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "mujoco", "exudyn", "toppra")
-COLUMNS = [
-    *("row", "problem", "method", "given", "setting", "setting_is"),
-    *("cpu_seconds", "cpu_seconds_upper_quartile", "error"),
-]
+PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "mujoco", "exudyn")
 
 
 def versions() -> dict[str, str]:
@@ -28,22 +22,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return known
-
-
-def csv_text(stage: Stage, rows: Sequence[Row]) -> str:
-    """One line a row; errors in the unit that the stage names, times in seconds."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    classes = [f"error_at_{value:.3g}" for value in stage.profile]
-    writer.writerow([*COLUMNS, *classes, "note"])
-    for row in rows:
-        method = stage.method(row.method)
-        setting = " ".join(f"{value:.12g}" for value in row.setting)
-        numbers = map(_number, (row.seconds, row.upper, row.error))
-        profile = [_number(value) for value in row.profile] or [""] * len(classes)
-        known = (row.key, method.panel, method.label, method.given, setting, method.unit)
-        writer.writerow([*known, *numbers, *profile, row.note])
-    return text.getvalue()
 
 
 def markdown(stage: Stage, rows: Sequence[Row]) -> str:
@@ -125,27 +103,6 @@ def row_document(row: Row) -> dict[str, Any]:
     }
 
 
-def read_rows(document: dict[str, Any]) -> list[Row]:
-    """The rows of a document again."""
-
-    def number(value: float | None, missing: float) -> float:
-        return missing if value is None else value
-
-    return [
-        Row(
-            document["stage"],
-            row["method"],
-            tuple(row["setting"]),
-            number(row["cpu_seconds"], np.nan),
-            number(row["cpu_seconds_upper_quartile"], np.nan),
-            number(row["error"], np.inf),
-            tuple(number(value, np.nan) for value in row["profile"]),
-            row["note"],
-        )
-        for row in document["rows"]
-    ]
-
-
 def summary(made: dict[str, Any]) -> list[str]:
     """A document of a stage in a few lines, as a command prints it."""
     left_out = [f"  left out, not installed: {', '.join(made['missing'])}"] if made["missing"] else []
@@ -162,7 +119,3 @@ def line(stage: Stage, row: Row) -> str:
 
 def _or_null(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def _number(value: float) -> str:
-    return f"{value:.6g}" if np.isfinite(value) else ""

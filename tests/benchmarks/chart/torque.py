@@ -22,11 +22,11 @@ from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
-from tests.benchmarks.chart.along import Along, Solve, direct
-from tests.benchmarks.chart.bare import FLAT, BareRobot
+from tests.benchmarks.chart.bare import solve_each
 from tests.benchmarks.chart.formula import torques
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs, singles
 from tests.benchmarks.chart.reading import best, short
+from tests.benchmarks.chart.robot import SceneC, Solve, bare
 
 T, T_C = given.DURATION, given.CROSSING_TIME
 DISTANCES = tuple(10.0**-k for k in range(1, 10))  # [s] from the singular instant
@@ -64,16 +64,6 @@ class DifferencedLaw:
         return (middle, (ahead - back) / (2 * h), (ahead - 2 * middle + back) / h**2)[order]
 
 
-def scene_c(law: MotionLaw) -> Along:
-    """The 5R along scene C under that law."""
-    return Along(given.branch(), law, (T_C,), reference, bare())
-
-
-def pointwise(law: MotionLaw, times: Array, solve: Solve) -> Array:
-    """Motor torques (T, n_a) [N m], at each instant for itself."""
-    return scene_c(law).pointwise(times, solve)
-
-
 def pseudo_inverse(cut: float) -> Solve:
     """Singular values below `cut` times the largest are left out."""
     return lambda matrix, right: np.einsum("tij,tj->ti", np.linalg.pinv(matrix, rcond=cut), right)
@@ -85,18 +75,12 @@ def damped(damping: float) -> Solve:
     def solve(matrix: Array, right: Array) -> Array:
         back = matrix.transpose(0, 2, 1)
         penalty = (damping * np.linalg.norm(matrix, axis=(1, 2))) ** 2
-        return direct(
+        return solve_each(
             back @ matrix + penalty[:, None, None] * np.eye(matrix.shape[-1]),
             (back @ right[..., None])[..., 0],
         )
 
     return solve
-
-
-@cache
-def bare() -> BareRobot:
-    """The 5R without the framework."""
-    return BareRobot(given.robot(), given.branch().guess(np.zeros(1))[0], FLAT, (0, 1))
 
 
 def formula(law: MotionLaw, times: Array) -> Array:
@@ -121,19 +105,19 @@ def _tables(torque: Callable[[MotionLaw, Array], Array]) -> Callable[[Setting], 
 
 def _differences(setting: Setting) -> Callable[[], Torques]:
     law = DifferencedLaw(given.law(), setting[0])
-    return lambda: tabulated(lambda t: pointwise(law, t, direct), THRESHOLD)
+    return lambda: tabulated(SceneC(law).pointwise, THRESHOLD)
 
 
 def _regularised(kind: Callable[[float], Solve]) -> Callable[[Setting], Callable[[], Torques]]:
     def prepare(setting: Setting) -> Callable[[], Torques]:
         law, solve = given.law(), kind(setting[0])
-        return lambda: tabulated(lambda t: pointwise(law, t, solve), THRESHOLD)
+        return lambda: tabulated(lambda t: SceneC(law).pointwise(t, solve), THRESHOLD)
 
     return prepare
 
 
 def _chebyshev(setting: Setting) -> Callable[[], Torques]:
-    case = scene_c(given.law())
+    case = SceneC(given.law())
 
     def run() -> Torques:
         series = case.nodes(setting[0])
@@ -160,7 +144,7 @@ def _formula_series(setting: Setting) -> Callable[[], Torques]:
 
 
 def _certified(setting: Setting) -> Callable[[], Torques]:
-    case = scene_c(given.law())
+    case = SceneC(given.law())
 
     def run() -> Torques:
         torque = case.proved(setting[0])
@@ -181,10 +165,10 @@ def _planned(setting: Setting) -> Callable[[], Torques]:
 
 def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     """Point located by Brent on the determinant, condition (8) checked, table doubled until it stays."""
-    robot, case = bare(), scene_c(law)
+    robot, case = bare(), SceneC(law)
 
     def measure(s: float) -> float:
-        rows = robot.close((given.path()(s), None), near[np.searchsorted(places, s) - 1])[1]
+        rows = robot.close(given.path()(s), near[np.searchsorted(places, s) - 1])[1]
         return float(np.linalg.det(robot.passive(rows)))
 
     places = np.linspace(0.0, 1.0, LEAST_COUNT)
@@ -192,8 +176,8 @@ def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
 
     def run() -> Torques:
         nonlocal near
-        near, rows = robot.joints([(x, None) for x in given.path()(places)])
-        signs = np.sign(np.linalg.det(robot.passive(np.array(rows))))
+        near, rows = robot.joints(given.path()(places))
+        signs = np.sign(np.linalg.det(robot.passive(rows)))
         size = np.abs(robot.forces(case.bare_motion(np.linspace(0.0, T, LEAST_COUNT)))).max()
         for k in np.flatnonzero(signs[:-1] != signs[1:]):
             s_c = optimize.brentq(measure, places[k], places[k + 1], xtol=1e-15)
@@ -223,7 +207,7 @@ def _mujoco(setting: Setting) -> Callable[[], Torques]:
         FiveBar.of("five_bar", "rigid"), [robot.coordinates.name_of(c) for c in range(robot.model.nv)]
     )
     times = np.linspace(0.0, T, round(setting[0]))
-    case = scene_c(law)
+    case = SceneC(law)
     known = case.motion(times)
 
     def instant(t: Array) -> Array:
@@ -293,13 +277,13 @@ STAGE = Stage(
         _table(
             "pointwise",
             "pointwise in stacks, our kinematics",
-            _tables(lambda law, t: pointwise(law, t, direct)),
+            _tables(lambda law, t: SceneC(law).pointwise(t)),
             source="poses closed in one stack by the framework, everything else numpy; table by spline",
         ),
         _table(
             "pinocchio",
             "pointwise, Pinocchio and numpy alone",
-            _tables(lambda law, t: scene_c(law).bare_torques(t)),
+            _tables(lambda law, t: SceneC(law).bare_torques(t)),
             given="path; s, s', s\" exact",
             source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
         ),

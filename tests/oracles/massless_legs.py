@@ -16,8 +16,6 @@ import mpmath
 import numpy as np
 from mpmath import mp, mpf
 
-from framework.numerics.arrays import Array
-
 DIGITS = 40
 REST = 2  # derivatives of the law that vanish at both ends
 Number = Any  # mpmath's
@@ -47,8 +45,8 @@ class Machine:
             for a, lever, y in zip(accelerations, levers, forces, strict=True)
         ]
 
-    def torque_and_slopes(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Torques (n,) at a state, each (n,), and their derivatives (n, 3 n) along x, x' and x"."""
+    def slopes(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
+        """Derivatives (n, 3 n) of the torques along x, x' and x", each (n,)."""
         with mp.workdps(DIGITS):
             state = [mpf(float(value)) for part in (x, dx, ddx) for value in part]
             n = len(x)
@@ -67,7 +65,7 @@ class Machine:
                 [(a - b) / (2 * h) for a, b in zip(moved(k, h), moved(k, -h), strict=True)]
                 for k in range(3 * n)
             ]
-            return np.array(torque(state), dtype=float), np.array(slopes, dtype=float).T
+            return np.array(slopes, dtype=float).T
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ class Crossings:
     def law(self, t: Number) -> Number:
         return mpmath.fsum(c * t**k for k, c in enumerate(self.powers))
 
-    def torque(self, times: Sequence[float] | Array) -> Array:
+    def torque(self, times: Sequence[float] | np.ndarray) -> np.ndarray:
         """Motor torques (T, n) [N m]."""
         with mp.workdps(DIGITS):
             found = [self.machine.torque(lambda t: self.on_line(self.law(t)), mpf(float(t))) for t in times]
