@@ -117,7 +117,7 @@ def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
     to_springs = rigid.Y[:, : robot.n_e].swapaxes(1, 2)  # (T, n_e, n_e)
     w = -np.linalg.solve(to_springs, rigid.F[..., None])[..., 0]
     deflections = w / stiffness
-    eps = FIRST_DEFLECTION / np.abs(deflections).max()
+    eps = FIRST_DEFLECTION / (np.abs(deflections).max() or 1.0)  # without a load nothing deflects
     deflected = motion._replace(l=eps * deflections * units)
     balance = evaluate_balance(robot, deflected, rigid.motion.q, wrenches=branch.wrenches, stiffer=1.0 / eps)
     g = _tangent_measure(branch, rigid, np.diag(stiffness)[None])

@@ -36,7 +36,7 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
-SETTLED_MISFIT = 1e-12  # |F| over the largest load
+SETTLED_MISFIT = 1e-13  # |F| over the largest load
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48
 MAX_CELLS = 600
