@@ -1,8 +1,8 @@
 """A path with one branch of its inverse kinematics, and continuations through singular points.
 
-Newton's method converges to the branch from a guess, the cubic between two knots. It fails where the square system of the inverse kinematics is singular although the branch is
-smooth, as at constraint singularities. There a continuation replaces Newton's method: a polynomial through
-closed configurations on both sides.
+Newton's method converges to the branch from a guess, the cubic between two knots. It fails where the square
+system of the inverse kinematics is singular although the branch is smooth, as at constraint singularities.
+There a continuation replaces Newton's method: a polynomial through closed configurations on both sides.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import nodes, tail
 from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
+from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # in s, of a continuation; the first accurate one is used
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
