@@ -23,8 +23,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
-from framework.singularity.curve_tracing import chord_offsets
-from framework.singularity.locus_equations import LocusEquations
+from framework.singularity.curve_tracing import LocusEquations, chord_offsets
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
@@ -34,6 +35,7 @@ from framework.singularity.curve_tracing import (
     FIRST_STEP,
     MAX_STEP,
     Curve,
+    LocusEquations,
     Points,
     advance,
     curve_points,
@@ -41,7 +43,6 @@ from framework.singularity.curve_tracing import (
     passes_point,
     trace_curve,
 )
-from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
@@ -429,7 +430,7 @@ def draw_in_mode(region: Region, count: int) -> Array:
     q = np.tile(region.q, (count, 1))
     for k in range(1, WAY_STEPS + 1):
         x = region.x + k / WAY_STEPS * displacement
-        next_q, _, closed = close_each(robot, x, q, farthest=MAX_JOINT_STEP)
+        next_q, _, closed = close_each(robot, x, q, farthest=MAX_NEWTON_STEP)
         closed[closed] &= region.contains(next_q[closed])
         q = np.where(closed[:, None], next_q, q)
     return q
