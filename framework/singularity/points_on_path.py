@@ -27,6 +27,7 @@ from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
+    VANISHING_TOGETHER,
     Measured,
     Panel,
     Unresolved,
@@ -34,7 +35,6 @@ from framework.singularity.piecewise_measure import (
     resolve_panels,
 )
 from framework.singularity.rank_deficiency import (
-    VANISHING_TOGETHER,
     Contact,
     NearMiss,
     block_slopes,

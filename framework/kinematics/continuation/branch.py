@@ -30,8 +30,8 @@ CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, deg
 # as many nodes as coefficients, plus an eighth of all nodes, whose misfit measures the error of the fit
 MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
 # Newton's method is trusted at nodes whose least singular value is above this share of its maximum over all
-# nodes: first far from the singular point, then closer to it, with guesses from the first fit.
-SOUND_NODE_RATIOS = (0.2, 0.03)
+# nodes.
+SOUND_NODE_RATIO = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,49 +154,44 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     """Fit a continuation about s between start and end; None if too few nodes are sound.
 
     A node is sound if Newton's method is trusted there, see `_trusted_offsets`. The series is fitted to the
-    closed configurations at sound nodes, at first only far from the singularity. Then the fitted series
-    provides guesses closer to it. The error is the largest of misfit, residual and truncation error.
+    closed configurations at the sound nodes. The error is the largest of misfit, residual and truncation
+    error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
     s_nodes = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # (nodes,)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)  # (nodes, degree + 1)
-    x, guess = branch.path(s_nodes), branch.guess(s_nodes)
-    continuation = None
-    for share in SOUND_NODE_RATIOS:
-        sound, offsets = _trusted_offsets(branch, guess, x, share)  # (k,) indices, (k, nv)
-        if len(sound) < MIN_SOUND_NODES:
-            break
-        # (degree + 1, nv) by least squares
-        series = np.asarray(np.linalg.lstsq(basis[sound], offsets, rcond=None)[0], dtype=float)
-        guess = integrate(robot, branch.origin, basis @ series)  # of the next round
+    sound, offsets = _trusted_offsets(branch, s_nodes)  # (k,) indices, (k, nv)
+    if len(sound) < MIN_SOUND_NODES:
+        return None
+    # (degree + 1, nv) by least squares
+    series = np.asarray(np.linalg.lstsq(basis[sound], offsets, rcond=None)[0], dtype=float)
 
-        misfit = np.abs((basis[sound] @ series - offsets) / lengths).max()
-        residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
-        # `tail` is relative to the largest coefficient
-        truncation = np.abs(series / lengths).max() * tail(series / lengths)
-        error = float(max(misfit, residual, truncation))
-        continuation = Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
-    return continuation
+    misfit = np.abs((basis[sound] @ series - offsets) / lengths).max()
+    q = integrate(robot, branch.origin, basis @ series)
+    residual = np.abs(linearised_at(robot, q, branch.path(s_nodes)).residual).max() / robot.length
+    # `tail` is relative to the largest coefficient
+    truncation = np.abs(series / lengths).max() * tail(series / lengths)
+    error = float(max(misfit, residual, truncation))
+    return Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
 
 
-def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
+def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
     """Find the nodes (k,) where Newton's method is trusted; return their offsets, too.
 
-    At such a node the least singular value of the Type 1 matrix is above a `share` of its maximum over all
-    nodes, and the correction of the guess is small compared with this singular value.
+    At such a node the least singular value of the Type 1 matrix is above a share `SOUND_NODE_RATIO` of its
+    maximum over all nodes, and the correction of the guess is small compared with this singular value.
 
     Args:
-        guess: configurations (nodes, nq) from which Newton's method starts.
-        x: platform coordinates (nodes, n).
-        share: least singular value at a sound node over its maximum, see `SOUND_NODE_RATIOS`.
+        s_nodes: path coordinates (nodes,) of all nodes.
 
     Returns:
         The nodes, and the offsets (k, nv) of their closed configurations from the branch's origin.
     """
     robot = branch.robot
+    x, guess = branch.path(s_nodes), branch.guess(s_nodes)
     matrices = type1_matrix(robot, linearised_at(robot, guess, x))
     least = singular_values(matrices)[:, -1]  # (nodes,)
-    sound = np.flatnonzero(least > share * least.max())
+    sound = np.flatnonzero(least > SOUND_NODE_RATIO * least.max())
     try:
         closed = close_loops(robot, x[sound], guess[sound])
     except NotAssembled:
