@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
 from framework.kinematics.linearised_loops import (
     ClosedStack,
@@ -47,7 +47,6 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-MAX_ITERATIONS = 25  # of Newton's method
 
 
 def require_square(robot: ParallelRobot) -> None:

@@ -22,13 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.tolerances import NEWTON_STEP
 
 # Step of central differences: a share of the interval of p, or [rad, robot lengths] of joint motions.
 DIFFERENCE_STEP = 1e-4
-MAX_ITERATIONS = 20  # of Newton's method
 
 
 class Border(NamedTuple):

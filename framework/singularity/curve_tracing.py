@@ -22,7 +22,7 @@ from typing import NamedTuple, SupportsIndex
 import numpy as np
 
 from framework.errors import InvalidInput, check_choice
-from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
@@ -48,10 +48,8 @@ MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
 MAX_GROWTH = 2.0  # ratio of a step to the previous one
-MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # from a start in one direction
-MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
 
 
 class Evaluated(NamedTuple):
@@ -223,7 +221,7 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
     The joint motions of a step are at most MAX_NEWTON_STEP. Configurations from which Newton's method does
     not converge are left out.
     """
-    for _ in range(MAX_SEARCH_STEPS):
+    for _ in range(MAX_ITERATIONS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)  # (S, k)
@@ -332,7 +330,7 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
     """
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_ITERATIONS):
         evaluated = equations.evaluate(q, point.border)
         values = np.append(evaluated.values, [[0.0]], axis=1)
         change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)

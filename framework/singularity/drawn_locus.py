@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, passive_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.singularity.bordered_system import MAX_ITERATIONS, Border
+from framework.singularity.bordered_system import Border
 from framework.singularity.traced_locus import REGION_REACH, trace_locus
 from framework.singularity.type2 import has_signed_measure, measure_gradient
 from framework.tolerances import NEWTON_STEP, SAME_PLACE

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
@@ -33,7 +34,6 @@ from framework.tolerances import (
 )
 
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
-MAX_COMMON_STEPS = 8  # of the Gauss-Newton method
 
 
 class Contact(NamedTuple):
@@ -234,7 +234,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     slope, the contact is the extremum of `_product_with_end_blocks`. The border has `size` columns.
     """
     s = start
-    for _ in range(MAX_COMMON_STEPS):
+    for _ in range(MAX_ITERATIONS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
         step = -np.sum(G * slope) / max(np.sum(slope * slope), LEAST_DIVISOR)  # in s
         if not abs(s + step - start) < SEARCH_RADIUS:

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
-from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, require_square
+from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     equation_sizes,
