@@ -98,7 +98,9 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     the result is the best iterate.
     """
     q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
-    for iterations in range(1, MAX_ITERATIONS + 1):  # noqa: B007
+    iterations = 0
+    while iterations < MAX_ITERATIONS:
+        iterations += 1
         step = _least_norm_step(mechanism, q, free)
 
         for halvings in range(MAX_HALVINGS + 1):

@@ -3,9 +3,9 @@
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
 succeed from the same start. The first start of a group is the reference itself. The others are drawn with a
 fixed seed from the range of each joint. The range is that of the limits; without limits it is half a turn or
-a length of the robot in both directions. From each start bounded trust-region least squares (`scipy.optimize`)
-first nearly closes the loops with joints near the reference, then closes them. Of the first few closed poses
-the nearest to the reference is returned.
+a length of the robot in both directions. From each start bounded trust-region least squares
+(`scipy.optimize`) first nearly closes the loops with joints near the reference, then closes them. Of the
+first few closed poses the nearest to the reference is returned.
 
 The result closes the loops and keeps the limits. But parts may collide, or the robot may be intended for
 another assembly.
