@@ -132,8 +132,10 @@ def close_each(
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    live = np.arange(len(q))  # indices of the instants that have not been dropped
-    step_size = np.full(len(q), np.inf)  # largest entry of each live instant's last step [rad, lengths]
+    given = q if x is None else np.concatenate([q, x], axis=1)
+    # indices of the instants that have not been dropped, at first those whose numbers are finite
+    live = np.flatnonzero(np.isfinite(given).all(axis=1))
+    step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or step_size.max(initial=0.0) < NEWTON_STEP:
@@ -186,9 +188,6 @@ def _newton_steps(
     except np.linalg.LinAlgError:
         signs, _ = factors.slogdet
         return residual, signs != 0  # the residual stands for steps that do not exist
-    has_residual = np.asarray(np.isfinite(residual).all(axis=1))
-    if not has_residual.all():  # a residual that is not finite spoils the steps of all others
-        return steps, has_residual
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
 

@@ -26,14 +26,13 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
-from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
+from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
 PANEL_NODES = 24
 CANDIDATE_DEPTH = 1e3  # largest |g| of a candidate, in tails of the series
 PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the series has a truncation error
 MAX_PANELS = 8  # about an extremum
-FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum; each step doubles it
 VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
 
 
@@ -277,15 +276,15 @@ class Extremum(NamedTuple):
     def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> _Bracket | None:
         """Step from the extremum towards an end of the panel until g passes a test.
 
-        Each step doubles the distance from the extremum; the last one ends at the end of the panel. None if g
-        passes the test after no step.
+        The first step is SAME_PLACE long. Each step doubles the distance from the extremum; the last one ends
+        at the end of the panel. None if g passes the test after no step.
 
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
         room = abs(end - self.s)
-        doublings = np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))
-        distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(doublings + 1), room)
+        doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
+        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, Type1Singularity
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.closures import scaled_equations
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
@@ -43,8 +44,6 @@ from framework.singularity.rank_deficiency import (
 )
 from framework.singularity.type2 import measure_gradient, sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
-
-MAX_CONTINUATIONS = 16  # of a branch through singular points of its inverse kinematics
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +154,7 @@ def _measure_type_1(branch: Branch) -> Measured:
     Raises:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
-    for _ in range(MAX_CONTINUATIONS):
+    for _ in range(MAX_ITERATIONS):
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:

@@ -89,12 +89,11 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
             root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-            s = root.place
-            is_known = any(stretch.contains(s) for stretch in stretches)
+            if not root.converged or any(stretch.contains(root.place) for stretch in stretches):
+                continue
             # a root at the edge of two panels is found twice
-            is_new = root.converged and not is_known and _is_apart(s, single, SAME_PLACE)
-            if is_new and _loses_rank(measured, s, size):
-                single.append(Contact(s, "transversal"))
+            if _is_apart(root.place, single, SAME_PLACE) and _loses_rank(measured, root.place, size):
+                single.append(Contact(root.place, "transversal"))
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
 
