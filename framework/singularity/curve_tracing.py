@@ -48,6 +48,7 @@ MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
 MAX_GROWTH = 2.0  # ratio of a step to the previous one
+MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # from a start in one direction
 
@@ -330,7 +331,7 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
     """
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(MAX_CORRECTIONS):
         evaluated = equations.evaluate(q, point.border)
         values = np.append(evaluated.values, [[0.0]], axis=1)
         change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
