@@ -43,7 +43,6 @@ from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 # A point is on a curve if its distance from a chord is at most this share of the chord's length. A step in
 # which the tangent turns by MAX_TANGENT_TURN gives 0.02.
 MAX_CURVE_OFFSET = 0.05
-MIN_CURVE_COSINE = 0.7  # between tangent and chord of one curve; curves usually cross at larger angles
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
@@ -297,17 +296,15 @@ def _trace_from(
 def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
     """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
 
-    A chord passes through the point if it is close to the point and has about the direction of the point's
-    tangent.
+    A chord passes through the point if it is close to the point.
     """
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
     distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
     is_close = distance < MAX_CURVE_OFFSET * length
-    is_along = np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
     is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(np.any(is_close & is_along & is_step))
+    return bool(np.any(is_close & is_step))
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
