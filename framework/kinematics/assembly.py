@@ -27,6 +27,7 @@ NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby pose
 MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
 SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
 MAX_ITERATIONS = 25  # of Newton's and similar methods
+ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
 MAX_HALVINGS = 14  # of a Newton step by the line search
 
 
@@ -99,7 +100,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     """
     q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
     iterations = 0
-    while iterations < MAX_ITERATIONS:
+    while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
 
