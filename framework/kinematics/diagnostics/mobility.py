@@ -38,6 +38,7 @@ from framework.kinematics.loop_structure import (
 )
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values, split_row_space
@@ -255,6 +256,26 @@ class LoopMotions(NamedTuple):
             if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
                 chosen.append(name)
         return chosen
+
+
+def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
+    """Return the motions at the nearest closed pose within the joints' limits.
+
+    None if the reference of the file is within the limits, or if no closed pose within them is found.
+    """
+    mechanism = Mechanism.from_description(description)
+    if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
+        return None
+    try:
+        pose = find_closed_pose(mechanism)
+        within = motions_near_reference(replace(description, reference=mechanism.reference_values(pose.q)))
+    except NotAssembled:
+        return None
+    remark = (
+        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
+        f"the file's, from which nothing can be proposed"
+    )
+    return within._replace(remarks=(remark, *within.remarks))
 
 
 def motions_near_reference(description: RobotDescription) -> LoopMotions:

@@ -29,6 +29,7 @@ from framework.kinematics.diagnostics.mobility import (
     coupled_joints,
     examine_platform_axes,
     motions_near_reference,
+    motions_within_limits,
     null_space,
     scaled_twists,
 )
@@ -104,7 +105,8 @@ def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
 def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
-    At a singular reference a pose beside it is taken.
+    At a singular reference a pose beside it is taken. If nothing can be proposed at the file's pose, and this
+    pose exceeds joint limits, a pose within the limits is tried.
 
     Args:
         by_joints: whether positions of joints may become the platform's coordinates.
@@ -117,6 +119,11 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
         beside = motions_near_reference(replace(partial.description, reference=singular.poses[0]))
         beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
         return _complete_at_pose(partial, beside, by_joints=by_joints)
+    except RobotFileError:
+        within = motions_within_limits(partial.description)
+        if within is None:
+            raise
+    return _complete_at_pose(partial, within, by_joints=by_joints)
 
 
 def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints: bool) -> PartialRobot:
