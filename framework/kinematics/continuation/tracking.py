@@ -39,7 +39,7 @@ from framework.kinematics.frames import (
     integrate_columns,
     largest_motion,
 )
-from framework.kinematics.inverse_kinematics import close_each, require_square
+from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     count_lost_ranks,
@@ -53,7 +53,7 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
-from framework.tolerances import BRANCHES_CROSS, SAME_PLACE
+from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
 TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
 POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
@@ -107,14 +107,19 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if x is None:
         return reference
     target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
-    if np.array_equal(target, reference.x):
+    distance = float(np.abs(target - reference.x).max())
+    if distance == 0.0:
         return reference
     require_square(robot)
-    segment = Line(reference.x, target)
-    branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-    closed = branch.close(1.0)  # cheap, since s = 1 is a knot
-    residual = float(np.abs(closed.linearised.residual).max())
-    return Configuration(closed.q[0], target, residual, iterations=len(branch.s))
+    if distance < FILE_ROUNDING * robot.length:
+        closed = close_loops(robot, target[None], reference.q[None])
+        steps = 1
+    else:
+        segment = Line(reference.x, target)
+        branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
+        closed = branch.close(1.0)  # cheap, since s = 1 is a knot
+        steps = len(branch.s)
+    return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
 
 
 def track_path(robot: ParallelRobot, path: Path) -> Branch:
