@@ -20,8 +20,7 @@ from framework.numerics.output import Document, select_fields
 from framework.planning.feasibility import feasibility_at, optimal_durations
 from framework.planning.plan_facts import twist_text
 from framework.planning.request import Request
-from framework.singularity.measure_gradient import spring_shift
-from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path, spring_shift
 
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"

@@ -32,12 +32,11 @@ from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import integrate, tree_columns
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
 from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import carried_axis
 from framework.kinematics.tree_model import is_ball
 from framework.laws.law import law_derivatives
 from framework.laws.path import PointPath, time_derivatives
@@ -145,7 +144,7 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
 def _remedy(robot: ParallelRobot, column: int) -> str:
     """Return advice on how to hold an idle coordinate (velocity index `column`), or to remove its load."""
     model, name = robot.model, robot.coordinates.name_of(column)
-    joint = carried_axis(robot, column).joint
+    joint = int(tree_columns(robot).owner[column])
     if not is_ball(model.joints[joint]):
         return (
             f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "

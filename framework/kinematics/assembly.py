@@ -20,14 +20,13 @@ from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import split_row_space
-from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
+from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, FILE_ROUNDING, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
 NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
 MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
-MIN_NEARBY_RATIO = 0.1  # share of NEARBY_DISTANCE; a pose that closes nearer counts as the reference itself
 SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
-MAX_ITERATIONS = 100  # of Newton's method
+MAX_ITERATIONS = 25  # of Newton's and similar methods
 ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
 MAX_HALVINGS = 14  # of a Newton step by the line search
 
@@ -224,7 +223,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
 
         offset = difference(mechanism, reference, closing.q) / scale
         distance = np.linalg.norm(offset)
-        if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
+        if closing.gap > CLOSED_LOOP or distance <= FILE_ROUNDING:  # open, or the reference itself
             continue
         direction = offset / distance
         if all(abs(direction @ other) < SAME_DIRECTION_COSINE for other in directions):

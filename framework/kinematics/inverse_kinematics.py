@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
-from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
 from framework.kinematics.linearised_loops import (
     ClosedStack,
@@ -47,7 +47,6 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-MAX_ITERATIONS = 25  # of Newton's method
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -133,8 +132,10 @@ def close_each(
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    live = np.arange(len(q))  # indices of the instants that have not been dropped
-    step_size = np.full(len(q), np.inf)  # largest entry of each live instant's last step [rad, lengths]
+    given = q if x is None else np.concatenate([q, x], axis=1)
+    # indices of the instants that have not been dropped, at first those whose numbers are finite
+    live = np.flatnonzero(np.isfinite(given).all(axis=1))
+    step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or step_size.max(initial=0.0) < NEWTON_STEP:
@@ -187,9 +188,6 @@ def _newton_steps(
     except np.linalg.LinAlgError:
         signs, _ = factors.slogdet
         return residual, signs != 0  # the residual stands for steps that do not exist
-    has_residual = np.asarray(np.isfinite(residual).all(axis=1))
-    if not has_residual.all():  # a residual that is not finite spoils the steps of all others
-        return steps, has_residual
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
 

@@ -22,13 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.tolerances import NEWTON_STEP
 
 # Step of central differences: a share of the interval of p, or [rad, robot lengths] of joint motions.
 DIFFERENCE_STEP = 1e-4
-MAX_ITERATIONS = 20  # of Newton's method
 
 
 class Border(NamedTuple):
@@ -109,17 +109,13 @@ class Slope(NamedTuple):
     g: float
     slope: float  # dg/dp
     g_above: float  # g at the upper end of the stencil, which has a sign also where p is a root
-    second_derivative: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
 
 
 class Root(NamedTuple):
     """The result of Newton's method for a root of g."""
 
     place: float  # p at the last iterate
-    residual: float  # g at this p; 0 if converged, because another step would only be rounding
     converged: bool
-    slope: float  # dg/dp on the last stencil
-    second_derivative: float  # d2g/dp2 on the last stencil; 0 at an end of the interval
 
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
@@ -132,10 +128,9 @@ def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
 
 
 def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
-    """Compute g, dg/dp and d2g/dp2 from matrices on a `stencil`, by central differences.
+    """Compute g and dg/dp from matrices on a `stencil`, by central differences.
 
-    At an end of the interval of p the stencil is clipped. Then the slope is one-sided, and the second
-    derivative, which needs points on both sides, counts as 0.
+    At an end of the interval of p the stencil is clipped, and the slope is one-sided.
 
     Args:
         matrices: (3, n, n) at the points of the stencil; the middle one determines the border.
@@ -143,13 +138,8 @@ def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
         size: number of columns of the border.
     """
     g_below, g, g_above = map(float, bordered_solution(matrices, border_of=1, size=size).g)
-    p_below, p_middle, p_above = p.tolist()
-    width = p_above - p_below
-    second_derivative = 0.0
-    if p_below < p_middle < p_above:
-        h = 0.5 * width  # between neighbouring points
-        second_derivative = (g_below - 2.0 * g + g_above) / h**2
-    return Slope(g=g, slope=(g_above - g_below) / width, g_above=g_above, second_derivative=second_derivative)
+    p_below, _, p_above = p.tolist()
+    return Slope(g=g, slope=(g_above - g_below) / (p_above - p_below), g_above=g_above)
 
 
 def root_of_g(
@@ -181,5 +171,5 @@ def root_of_g(
             break
         p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(p, 0.0, True, local.slope, local.second_derivative)
-    return Root(p, local.g, False, local.slope, local.second_derivative)
+            return Root(p, converged=True)
+    return Root(p, converged=False)

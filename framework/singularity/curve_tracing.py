@@ -1,30 +1,48 @@
-"""Pseudo-arclength continuation of curves F(u) = 0, with one equation less than unknowns.
+"""The singular locus in two freedoms of a robot: its equations in joint space, and the tracing of its curves.
 
-The predictor follows the tangent and the curvature of a curve; the corrector is Newton's method in the plane
-normal to the tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent
-turns much. A curve is traced from a start in one direction until it returns to the start, leaves a region or
-cannot be continued. If it does not return, it is traced in the other direction, too.
+The unknowns u are the positions of all k moving joints: motors, then passive joints, in radians and robot
+lengths. The k - 1 equations F(u) = 0 are the loop equations, fixed values of all freedoms but two, and g = 0.
+The solutions are curves that are smooth in joint space even where their image in the platform's plane has an
+end, a corner or an isolated point. They pass through Type 1 singularities from one working mode to the next,
+through legs of zero length, and around self-motions.
 
-Lengths and offsets of curves are those of the unknowns u, the k moving joints in radians and robot lengths.
+A curve is traced by pseudo-arclength continuation (H. B. Keller 1977). The predictor follows the tangent and
+the curvature of the curve; the corrector is Newton's method in the plane normal to the tangent. The step is
+shortened if the corrector moves far or the tangent turns much. A curve is traced from a start in one
+direction until it returns to the start, leaves a region or cannot be continued. If it does not return, it is
+traced in the other direction, too. Lengths along curves and offsets from them are those of u.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, join, select
+from framework.errors import InvalidInput, check_choice
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
+from framework.kinematics.frames import difference, integrate_columns
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    equation_sizes,
+    independent_loops_matrix,
+    linearised_at,
+    passive_matrix,
+)
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, join, select
 from framework.numerics.ordered_sums import solve
+from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
-from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
+from framework.singularity.type2 import has_signed_measure, measure_gradient
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
 # A point is on a curve if its distance from a chord is at most this share of the chord's length. A step in
 # which the tangent turns by MAX_TANGENT_TURN gives 0.02.
 MAX_CURVE_OFFSET = 0.05
-MIN_CURVE_COSINE = 0.7  # between tangent and chord of one curve; curves usually cross at larger angles
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
@@ -32,7 +50,137 @@ MAX_GROWTH = 2.0  # ratio of a step to the previous one
 MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # from a start in one direction
-MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
+
+
+class Evaluated(NamedTuple):
+    """The equations of the locus and their derivatives at S configurations, for k moving joints."""
+
+    values: Array  # F (S, k - 1), dimensionless: m loop equations, offsets of the fixed freedoms, then g
+    slopes: Array  # dF/du (S, k - 1, k)
+    P: Array  # (S, m, m) passive columns of the loop equations, dimensionless
+    eta: Array  # (S, m) passive rates closest to an escaping motion, c' eta = 1
+
+    @property
+    def passive_g_slopes(self) -> Array:
+        """Derivatives (S, m) of g, the last equation, along the passive joints, the last unknowns."""
+        return self.slopes[:, -1, -self.eta.shape[1] :]
+
+
+@dataclass(frozen=True, eq=False)
+class LocusEquations:
+    """The equations of the locus in a slice: two freedoms of the robot vary, the others are fixed."""
+
+    robot: ParallelRobot
+    x: Array  # (n,) platform coordinates of a pose in the slice
+    motors: Array  # (n_a,) motor joints of this pose, joint side
+    in_motors: bool  # whether the freedoms are the motors; else they are the platform's coordinates
+    free_names: tuple[str, str]  # names of the two varying freedoms
+    free: tuple[int, int]  # indices of the two varying freedoms among the motors or the coordinates
+    fixed: IntArray  # (n - 2,) indices of the fixed freedoms
+
+    @staticmethod
+    def of(robot: ParallelRobot, q: Array, x: Array, free: tuple[str, str] | None) -> LocusEquations:
+        """Return the equations of the slice through an assembled pose in two freedoms.
+
+        Args:
+            q, x: configuration (nq,) and platform coordinates (n,) of the pose.
+            free: two axes of the platform or two actuators; the other axes or actuators are fixed. By default
+                the two translations of the platform.
+
+        Raises:
+            InvalidInput: the robot has no such freedoms; the platform does not determine the joints; or g has
+                no sign, because motors are redundant or no joint is passive.
+        """
+        require_square(robot)
+        if not has_signed_measure(robot):
+            raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
+
+        names = robot.axis_names + robot.actuator_names
+        if free is None:
+            chosen = (0, 1) if robot.n == 2 else tuple(np.flatnonzero(robot.translations).tolist())
+            if len(chosen) != 2:
+                raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
+            free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
+        for name in free:
+            check_choice("freedom", name, names)
+
+        first, second = free
+        in_motors = first in robot.actuator_names
+        freedoms = robot.actuator_names if in_motors else robot.axis_names
+        if first == second or second not in freedoms:
+            raise InvalidInput(f"free: needs two axes or two motors, got {first}, {second}")
+        indices = freedoms.index(first), freedoms.index(second)
+        return LocusEquations(
+            robot=robot,
+            x=x,
+            motors=robot.actuated_coordinates(q[None])[0],
+            in_motors=in_motors,
+            free_names=free,
+            free=indices,
+            fixed=np.delete(np.arange(robot.n), indices),
+        )
+
+    def move(self, q: Array, u: Array) -> Array:
+        """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q (S, nq)."""
+        columns = self.robot.moving
+        return integrate_columns(self.robot, q, columns, u * self.robot.column_scale[columns])
+
+    def offsets(self, start: Array, q: Array) -> Array:
+        """Compute offsets (..., k) of q (..., nq) from start (..., nq), angles within half a turn."""
+        columns = self.robot.moving
+        offset = difference(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
+        turning = ~self.robot.sliding[columns]
+        offset[..., turning] = wrap_angles(offset[..., turning])
+        return offset
+
+    def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
+        """Evaluate the equations and their derivatives at S configurations q (S, nq).
+
+        Args:
+            border: (S, m, 1) of P; by default each configuration has the border of its own P.
+        """
+        robot = self.robot
+        linearised = linearised_at(robot, q, None)
+        P = passive_matrix(robot, linearised)
+        measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
+        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]
+        slopes = [
+            independent_loops_matrix(robot, linearised),
+            self._offset_slopes(linearised) * robot.column_scale,
+            measure.by_q[:, None] * robot.column_scale,
+        ]
+        return Evaluated(
+            values=np.concatenate([gaps, self._fixed_offsets(linearised), measure.g[:, None]], axis=1),
+            slopes=np.concatenate(slopes, axis=1)[:, :, robot.moving],
+            P=P,
+            eta=measure.eta,
+        )
+
+    def _fixed_offsets(self, linearised: LinearisedLoops) -> Array:
+        """Compute the dimensionless offsets (S, n - 2) of the fixed freedoms from their values."""
+        robot = self.robot
+        if self.in_motors:
+            is_sliding = robot.sliding[robot.actuated]
+            motors = robot.actuated_coordinates(linearised.frames.q)
+            offset = (motors - self.motors) / robot.column_scale[robot.actuated]
+        else:
+            is_sliding = robot.translations
+            offset = (robot.platform.coordinates(linearised.frames) - self.x) / robot.platform_scale
+        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])
+        return offset[:, self.fixed]
+
+    def _offset_slopes(self, linearised: LinearisedLoops) -> Array:
+        """Compute the derivatives (S, n - 2, nv) of the offsets by q, exact where the loops are closed."""
+        robot = self.robot
+        if self.in_motors:
+            slopes = np.diag(1.0 / robot.column_scale)[robot.actuated[self.fixed]]
+            return np.broadcast_to(slopes, (len(linearised.residual), *slopes.shape))
+        x = robot.platform.coordinates(linearised.frames)
+        dx_dq = np.linalg.solve(robot.platform.rate_matrix(x), linearised.platform)  # E dx = v, (S, n, nv)
+        return (dx_dq / robot.platform_scale[:, None])[:, self.fixed]
+
+
+# ------------------------------------------------------------------ tracing
 
 
 class Points(NamedTuple):
@@ -70,10 +218,10 @@ class Curve(NamedTuple):
 def find_solutions(equations: LocusEquations, q: Array) -> Array:
     """Find solutions (R, nq) of the equations, R <= S, by least-norm Newton steps from q (S, nq).
 
-    The joint motions of a step are at most MAX_JOINT_STEP. Configurations from which Newton's method does not
-    converge are left out.
+    The joint motions of a step are at most MAX_NEWTON_STEP. Configurations from which Newton's method does
+    not converge are left out.
     """
-    for _ in range(MAX_SEARCH_STEPS):
+    for _ in range(MAX_ITERATIONS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)  # (S, k)
@@ -82,7 +230,7 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
         # leave out configurations without a step
         is_finite = np.isfinite(step_size)
         q, change, step_size = q[is_finite], change[is_finite], step_size[is_finite]
-        q = equations.move(q, change / np.maximum(step_size / MAX_JOINT_STEP, 1.0)[:, None])
+        q = equations.move(q, change / np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None])
         if not len(q) or step_size.max() < NEWTON_STEP:
             break
     return q[step_size < NEWTON_STEP]
@@ -148,17 +296,15 @@ def _trace_from(
 def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
     """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
 
-    A chord passes through the point if it is close to the point and has about the direction of the point's
-    tangent.
+    A chord passes through the point if it is close to the point.
     """
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
     distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
     is_close = distance < MAX_CURVE_OFFSET * length
-    is_along = np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
     is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(np.any(is_close & is_along & is_step))
+    return bool(np.any(is_close & is_step))
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:

@@ -12,16 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, passive_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.singularity.bordered_system import MAX_ITERATIONS, Border
-from framework.singularity.locus_equations import MAX_JOINT_STEP
-from framework.singularity.measure_gradient import measure_gradient
+from framework.singularity.bordered_system import Border
 from framework.singularity.traced_locus import REGION_REACH, trace_locus
-from framework.singularity.type2 import has_signed_measure
+from framework.singularity.type2 import has_signed_measure, measure_gradient
 from framework.tolerances import NEWTON_STEP, SAME_PLACE
 
 PATCH_POINTS = 11  # number of points along an edge of the patch
@@ -101,7 +100,7 @@ def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, no
     for _ in range(MAX_ITERATIONS):
         targets = np.tile(x, (len(shifts), 1))
         targets[:, robot.platform.sliding] += shifts + height[:, None] * normal
-        stack = close_each(robot, targets, guess, farthest=MAX_JOINT_STEP)
+        stack = close_each(robot, targets, guess, farthest=MAX_NEWTON_STEP)
         if not stack.closed.all():
             return None
         g, gradients = _measure_in_space(robot, stack.linearised)

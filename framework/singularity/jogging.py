@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import follow_path, weakest_leg
 from framework.kinematics.inverse_kinematics import close_each, require_square
@@ -30,7 +31,6 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.laws.path import Line
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.locus_equations import MAX_JOINT_STEP
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
 # Least singular value over its usual size, below which a pose is near singular, or singular.
@@ -165,7 +165,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 
     largest_change = np.linalg.solve(E, pose.twist / divisor)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
-    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
+    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_NEWTON_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)

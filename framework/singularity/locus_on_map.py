@@ -23,12 +23,11 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
-from framework.singularity.curve_tracing import chord_offsets
-from framework.singularity.locus_equations import LocusEquations
+from framework.singularity.curve_tracing import LocusEquations, chord_offsets
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-STARTS_PER_ROUND = 24  # largest number of sign changes, and of minima of |g|, from which a round starts
+MAX_MINIMA = 24  # number of minima of |g| from which curves start
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
@@ -111,9 +110,8 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    Each round starts from sign changes that the curves so far do not explain, the first round of a mode also
-    from minima of |g|. The rounds of a mode end when all its sign changes are explained or have been starts,
-    or when a round explains none.
+    The curves of a mode start from the minima of |g| in this mode, and from the sign changes that no earlier
+    curve explains.
 
     Args:
         changes: (e, 4) indices of the poses on both sides of each sign change: i, j of the one, then i, j of
@@ -129,20 +127,12 @@ def _trace_modes(
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        # the first round: from the minima of this mode and some of its sign changes
-        of_mode = (change_modes == mode).all(axis=1)
-        to_explain = np.flatnonzero(of_mode & unexplained)  # indices of sign changes
-        minima_of_mode = minima[(minimum_modes == mode).all(axis=1)]
-        starts = np.concatenate([minima_of_mode, changes[_choose_evenly(to_explain), :2]])  # indices i, j
-        while len(starts):
+        is_change = (change_modes == mode).all(axis=1) & unexplained
+        is_minimum = (minimum_modes == mode).all(axis=1)
+        starts = np.concatenate([minima[is_minimum], changes[is_change, :2]])  # indices i, j
+        if len(starts):
             curves += _trace_new_parts(equations, poses, starts, curves)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
-            remaining = np.flatnonzero(of_mode & unexplained)
-            is_complete = len(to_explain) <= STARTS_PER_ROUND  # all of them have been starts
-            if is_complete or len(remaining) == len(to_explain):
-                break
-            to_explain = remaining
-            starts = changes[_choose_evenly(to_explain), :2]
     return curves, unexplained
 
 
@@ -165,12 +155,6 @@ def _trace_new_parts(
 def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
     """Return the configurations (e, nq) at indices i, j (e, 2) of the map."""
     return poses.q[indices[:, 0], indices[:, 1]]
-
-
-def _choose_evenly(indices: IntArray) -> IntArray:
-    """Return up to `STARTS_PER_ROUND` of the indices (k,), evenly spaced."""
-    count = min(len(indices), STARTS_PER_ROUND)
-    return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> Array:
@@ -219,7 +203,7 @@ def _sign_changes(g: Array) -> IntArray:
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find indices (t, 2) of the STARTS_PER_ROUND least local minima of |g| (I, J).
+    """Find indices (t, 2) of the MAX_MINIMA least local minima of |g| (I, J).
 
     At a minimum |g| is less than at all eight neighbours.
     """
@@ -231,7 +215,7 @@ def _find_minima(g: Array) -> IntArray:
     least_beside = minimum_filter(magnitude, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(magnitude < least_beside)  # (minima, 2)
     by_magnitude = np.argsort(magnitude[tuple(minima.T)], kind="stable")
-    return minima[by_magnitude[:STARTS_PER_ROUND]]
+    return minima[by_magnitude[:MAX_MINIMA]]
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:

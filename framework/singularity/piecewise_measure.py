@@ -26,17 +26,14 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
-from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
+from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
 PANEL_NODES = 24
-MAX_ETA_NORM = 20.0  # largest |eta| of a border that fits; if larger, the border is far from the null vectors
 CANDIDATE_DEPTH = 1e3  # largest |g| of a candidate, in tails of the series
 PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the series has a truncation error
-MAX_HALVINGS = 5  # of this width
-CENTRING_PASSES = 3  # number of passes; each centres the panel on the extremum that the last pass found
-FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum; each step doubles it
-WIDER_BORDER_RATIO = 0.05  # singular value over the largest, below which a wider border may be needed
+MAX_PANELS = 8  # about an extremum
+VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +59,10 @@ class Measured:
     def count_lost_ranks(self, s: float) -> int:
         """Count the singular values that vanish at s."""
         return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
+
+    def border_width(self, matrix: Array) -> int:
+        """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
+        return max(1, count_small_values(matrix, VANISHING_TOGETHER**self.power))
 
     def guess(self, s: Array) -> LinearisedLoops:
         """Linearise the loops at the branch's guesses for s (T,), closed or not."""
@@ -157,10 +158,12 @@ class Candidate(NamedTuple):
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels."""
-    level = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
+    # |g| on a panel is at most the sum of |coefficients|, as Chebyshev |T_k| <= 1
+    largest = max(float(np.abs(panel.series).sum()) for panel in resolved)
+    level = CANDIDATE_DEPTH * MEASURE_TAIL * largest
     candidates = list[Candidate]()
     for panel in resolved:
-        # |g| on the panel is at least the constant coefficient less all others, as Chebyshev |T_k| <= 1
+        # and at least the constant coefficient less all others
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > level:
             continue
@@ -170,11 +173,6 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
         candidates += [Candidate(panel, float(s), is_minimum=True) for s in minima]
         candidates += [Candidate(panel, float(s), is_minimum=False) for s in roots]
     return candidates
-
-
-def bound_measure(resolved: list[Panel]) -> float:
-    """Bound |g| on the panels from above, by the largest sum of |coefficients|."""
-    return max(float(np.abs(panel.series).sum()) for panel in resolved)
 
 
 def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
@@ -191,8 +189,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
     except NotAssembled:
         return None
     middle = PANEL_NODES // 2  # this node's border is used on the whole panel
-    widest = count_small_values(matrices[middle], WIDER_BORDER_RATIO)
-    for size in range(1, max(widest, 1) + 1):
+    for size in range(1, measured.border_width(matrices[middle]) + 1):
         solution = bordered_solution(matrices, border_of=middle, size=size)
         g = solution.g
         largest = np.abs(g).max()
@@ -203,9 +200,8 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
                 f"{end:.6g}"
             )
         series = coefficients(g[:, None])
-        border_fits = np.linalg.norm(solution.eta, axis=1).max() <= MAX_ETA_NORM
         # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved
-        if border_fits and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
+        if tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
     return None
 
@@ -280,15 +276,15 @@ class Extremum(NamedTuple):
     def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> _Bracket | None:
         """Step from the extremum towards an end of the panel until g passes a test.
 
-        Each step doubles the distance from the extremum; the last one ends at the end of the panel. None if g
-        passes the test after no step.
+        The first step is SAME_PLACE long. Each step doubles the distance from the extremum; the last one ends
+        at the end of the panel. None if g passes the test after no step.
 
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
         room = abs(end - self.s)
-        doublings = np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))
-        distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(doublings + 1), room)
+        doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
+        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):
@@ -313,9 +309,9 @@ def extremum_near(
 ) -> Extremum:
     """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 
-    Each of the first `CENTRING_PASSES` panels is centred on the extremum that the previous panel has nearest
-    to its middle. Then panels are halved until the series ends in rounding. If a panel has no extremum, its
-    middle is returned. So s is the estimate of the extremum, improved from panel to panel.
+    Each panel is centred on the extremum that the previous panel has nearest to its middle. Panels are halved
+    until the series ends in rounding. If a panel has no extremum, its middle is returned. So s is the
+    estimate of the extremum, improved from panel to panel.
 
     Args:
         matrices: computes the matrices (T, n, n) at path coordinates (T,).
@@ -328,7 +324,7 @@ def extremum_near(
     k = np.searchsorted(knots[1:-1], s, side="right")
     lowest, highest = knots[k : k + 2]  # between these knots g is smooth
     half_width = PANEL_HALF_WIDTH
-    for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
+    for _ in range(MAX_PANELS):
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
         stack = matrices(np.append(_panel_nodes(start, end), s))
@@ -342,8 +338,7 @@ def extremum_near(
         local = 2 * (s - start) / (end - start) - 1
         nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
         s = float(start + 0.5 * (end - start) * (nearest + 1))
-        if k_pass >= CENTRING_PASSES:
-            if rounding <= 10 * MEASURE_ROUNDING:  # no truncation error is left, with a margin
-                break
-            half_width *= 0.5
+        if rounding <= 10 * MEASURE_ROUNDING:  # no truncation error is left, with a margin
+            break
+        half_width *= 0.5
     return Extremum(s, float(chebyshev.chebval(nearest, series)), rounding, start, end, series)

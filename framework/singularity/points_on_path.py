@@ -9,17 +9,26 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, Type1Singularity
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.closures import scaled_equations
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    moving_loops,
+    passive_matrix,
+    type1_matrix,
+    type2_matrix,
+)
+from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import differentiate_g, stencil
+from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
+    VANISHING_TOGETHER,
     Measured,
     Panel,
     Unresolved,
@@ -27,17 +36,14 @@ from framework.singularity.piecewise_measure import (
     resolve_panels,
 )
 from framework.singularity.rank_deficiency import (
-    VANISHING_TOGETHER,
     Contact,
     NearMiss,
     block_slopes,
     find_contacts,
     find_near_misses,
 )
-from framework.singularity.type2 import sign_along, uncontrolled_motion
-from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST
-
-MAX_CONTINUATIONS = 16  # of a branch through singular points of its inverse kinematics
+from framework.singularity.type2 import measure_gradient, sign_along, uncontrolled_motion
+from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +107,6 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
-        has_continuations = type2.branch is not branch
-        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
-            edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
-            branch = branch.through(edges, q)
-            type2 = replace(type2, branch=branch)
         contacts = find_contacts(type2, resolved)
         misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:
@@ -154,7 +154,7 @@ def _measure_type_1(branch: Branch) -> Measured:
     Raises:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
-    for _ in range(MAX_CONTINUATIONS):
+    for _ in range(MAX_ITERATIONS):
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
@@ -332,3 +332,31 @@ def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: 
     # The border of a singular matrix gives g an arbitrary sign. Beyond the root g gets the sign of det P.
     sign = np.sign(local.g_above) * np.linalg.slogdet(P[-1]).sign
     return float(local.slope * sign)
+
+
+def spring_shift(branch: Branch, point: SingularPoint) -> Array:
+    """Compute the shift ds/dq_e (n_e,) [1/m, 1/rad] of a singular point by deflections q_e.
+
+    From g(s, q_e) = 0 it is -(dg/dq_e) / (dg/ds), with the loops closed. The deflections of a moving robot
+    depend on its motion, and at rest none exist near a Type 2 singularity. So without a motion only this
+    derivative is known. It is NaN if several motions escape at once, or if the path touches the locus without
+    crossing it: small deflections split such a point or remove it.
+    """
+    robot = branch.robot
+    n_e = robot.n_e
+    if not n_e or point.corank > 1 or point.contact != "transversal":
+        return np.full(n_e, np.nan)
+    linearised = branch.close(np.array([point.s])).linearised
+    border = Border.of(passive_matrix(robot, linearised))
+    gradient = measure_gradient(robot, linearised, border).by_q[0]  # dg/dq (nv,)
+
+    # slopes of g along the path, and along each deflection with the platform at rest
+    path_twist = robot.platform.path_twist(branch.path, point.s)
+    path_rates = joint_rates(robot, linearised, path_twist[None])[0]  # dq/ds (nv,)
+    platform_at_rest = np.zeros((n_e, 1, robot.n))
+    unit_deflections = np.eye(n_e)[:, None]
+    spring_rates = joint_rates(robot, linearised, platform_at_rest, unit_deflections)[:, 0]  # (n_e, nv)
+    shift = -(spring_rates @ gradient) / (path_rates @ gradient)
+    # shifts are compared with rounding for a deflection of one radian or robot length
+    is_rounding = np.abs(shift * robot.column_scale[robot.elastic]) < SAME_PLACE
+    return np.where(is_rounding, 0.0, shift)

@@ -13,22 +13,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import DIFFERENCE_STEP, Root, bordered_solution, root_of_g
+from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
-    Candidate,
     Extremum,
     Measured,
     Panel,
-    bound_measure,
-    count_small_values,
     extremum_near,
     find_candidates,
 )
 from framework.tolerances import (
     DISTINCT_EXTREMA,
-    MEASURE_ROUNDING,
     MULTIPLE_ROOT_RADIUS,
     NEAR_MISS,
     NEWTON_STEP,
@@ -36,11 +33,7 @@ from framework.tolerances import (
     TANGENTIAL_SLOPE,
 )
 
-VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
-ROOT_RESIDUAL = 1e-12  # |g| over its largest value, below which a root counts even without convergence
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
-MAX_ROOT_SHIFT = 1e-3  # share of a panel's width; a root farther from its candidate is another root
-MAX_COMMON_STEPS = 8  # of the Gauss-Newton method
 
 
 class Contact(NamedTuple):
@@ -79,10 +72,9 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     multiple = list[Contact]()  # where several singular values vanish at once
     single = list[Contact]()  # where one singular value vanishes
     stretches = list[RootStretch]()  # about extrema whose roots are known
-    largest_residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
     minima_first = sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum)
     for candidate in minima_first:
-        size = _border_width(measured, candidate.panel.matrix(candidate.s))
+        size = measured.border_width(candidate.panel.matrix(candidate.s))
         # where several singular values are small, they may vanish together
         common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
@@ -96,28 +88,14 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = _refine_root(measured, candidate, size, largest_residual)
-            if root is None or any(stretch.contains(root.s) for stretch in stretches):
+            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+            if not root.converged or any(stretch.contains(root.place) for stretch in stretches):
                 continue
-            if _is_apart(root.s, single, SAME_PLACE):  # a root at the edge of two panels is found twice
-                single.append(root)
+            # a root at the edge of two panels is found twice
+            if _is_apart(root.place, single, SAME_PLACE) and _loses_rank(measured, root.place, size):
+                single.append(Contact(root.place, "transversal"))
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
-
-
-def _refine_root(
-    measured: Measured, candidate: Candidate, size: int, largest_residual: float
-) -> Contact | None:
-    """Refine a candidate for a root of g by Newton's method; None without a loss of rank.
-
-    Args:
-        size: number of columns of the border.
-        largest_residual: bound on |g| at a root where Newton's method ends without convergence.
-    """
-    root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-    is_near = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
-    is_root = is_near and abs(root.residual) < largest_residual and _is_crossing(measured, root, size)
-    return Contact(root.place, "transversal") if is_root else None
 
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
@@ -135,7 +113,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     ]
     for panel in resolved:
         starts = panel.path_coordinates(panel.extrema).tolist()
-        candidates += [_miss_at_extremum(measured, panel, known, level, start) for start in starts]
+        candidates += [_miss_at_extremum(measured, panel.matrix(s), known, level, s) for s in starts]
 
     misses = list[NearMiss]()
     for miss in candidates:
@@ -145,7 +123,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 
 
 def _miss_at_extremum(
-    measured: Measured, panel: Panel, known: list[Contact], level: float, start: float
+    measured: Measured, matrix: Array, known: list[Contact], level: float, start: float
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
@@ -153,19 +131,17 @@ def _miss_at_extremum(
     doubled.
 
     Args:
-        panel: the panel of the start.
+        matrix: (n, n) at the start.
         known: the contacts of the path.
         level: least singular value at the start above which there is no near miss.
     """
-    matrix = panel.matrix(start)
     if singular_values(matrix)[-1] >= level:
         return None
-    size = _border_width(measured, matrix)
+    size = measured.border_width(matrix)
     extremum = extremum_near(measured.evaluate, measured.knots, start, size)
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     has_contact = any(lower <= contact.s <= upper for contact in known)
-    is_other = abs(extremum.s - start) >= panel.width  # of another panel
-    if is_other or extremum.is_touch or extremum.roots() or has_contact:
+    if extremum.is_touch or extremum.roots() or has_contact:
         return None
     g = _signed_least_value(measured.evaluate(np.array([extremum.s])))
     return NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
@@ -192,7 +168,7 @@ def _miss_at_end(
     width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
     if not _is_apart(s, known, width):
         return None
-    return NearMiss(s, _signed_least_value(matrix[None]), width, _border_width(measured, matrix))
+    return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(matrix))
 
 
 def _signed_least_value(matrix: Array) -> float:
@@ -203,11 +179,6 @@ def _signed_least_value(matrix: Array) -> float:
 def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], distance: float) -> bool:
     """Return whether s is farther than a distance, in s, from all points."""
     return all(abs(s - point.s) > distance for point in points)
-
-
-def _border_width(measured: Measured, matrix: Array) -> int:
-    """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
-    return max(1, count_small_values(matrix, VANISHING_TOGETHER**measured.power))
 
 
 class RootStretch(NamedTuple):
@@ -238,24 +209,10 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
             contact = Contact(s, "transversal")
         # with a margin of 2 for roots of wider panels, which are less accurate
         return [contact], 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
-    roots = [root for root in _polish_roots(measured, extremum, size) if _loses_rank(measured, root, size)]
+    roots = [root for root in extremum.roots() if _loses_rank(measured, root, size)]
     # g has another extremum before any root farther out than 1.5 times the farther of these roots
     reach = 1.5 * max((abs(root - s) for root in roots), default=0.0)
     return [Contact(root, "transversal") for root in roots], reach
-
-
-def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
-    """Refine the roots of g beside an extremum by Newton's method, each with its own border.
-
-    A root from which Newton's method leads elsewhere is returned unchanged. A border has `size` columns.
-    """
-    roots = []
-    for root in extremum.roots():
-        radius = abs(root - extremum.s) / 4  # the other root lies beyond the extremum, out of reach
-        polished = root_of_g(measured.evaluate, root, size=size, longest=radius)
-        is_same = polished.converged and abs(polished.place - root) < radius
-        roots.append(polished.place if is_same else root)
-    return roots
 
 
 def _loses_rank(measured: Measured, s: float, size: int) -> bool:
@@ -264,25 +221,6 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
     If several singular values are small (`size` > 1), det G is small even where none of them vanishes.
     """
     return size == 1 or measured.count_lost_ranks(s) > 0
-
-
-def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign.
-
-    The border has `size` columns.
-    """
-    s = root.place
-    if not _loses_rank(measured, s, size):
-        return False
-    # far above the rounding of s; the roots beside an extremum closer than this are known already
-    h = DISTINCT_EXTREMA
-    # g(s + h) = slope h + second_derivative h^2 / 2 has the sign of the slope, with a margin for rounding
-    is_steep = abs(root.slope) > abs(root.second_derivative) * h + MEASURE_ROUNDING / h
-    if not h < s < 1 - h or (root.converged and is_steep):
-        return True
-    matrices = measured.evaluate(np.array([s - h, s, s + h]))
-    lower, _, upper = bordered_solution(matrices, border_of=1, size=size).g
-    return bool(lower * upper <= 0)
 
 
 # ------------------------------------------------------------------ several singular values at once
@@ -295,7 +233,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     slope, the contact is the extremum of `_product_with_end_blocks`. The border has `size` columns.
     """
     s = start
-    for _ in range(MAX_COMMON_STEPS):
+    for _ in range(MAX_ITERATIONS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
         step = -np.sum(G * slope) / max(np.sum(slope * slope), LEAST_DIVISOR)  # in s
         if not abs(s + step - start) < SEARCH_RADIUS:

@@ -22,18 +22,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
-from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
     MAX_STEP,
     Curve,
+    LocusEquations,
     Points,
     advance,
     curve_points,
@@ -41,8 +42,7 @@ from framework.singularity.curve_tracing import (
     passes_point,
     trace_curve,
 )
-from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
-from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
+from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
 RANDOM_STARTS = 40  # number of random configurations from which the search begins
@@ -173,19 +173,10 @@ def _trace_branches(
 
 
 def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where det [dF/du ; t'] changes its sign.
-
-    If the equations lose rank all along the curve (Type 1 and Type 2 at once), the signs are mere rounding
-    and are ignored.
-    """
+    """Find the branch points of a curve, where det [dF/du ; t'] changes its sign."""
     points = curve.points
-    branch_points = []
-    for k in np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0):
-        ends = select(points, slice(k, k + 2))
-        slopes = equations.evaluate(ends.q, ends.border).slopes  # (2, k - 1, k)
-        if singular_values(slopes)[:, -1].max() > RANK_LOST:
-            branch_points.append(branch_point(equations, points.single(k), points.single(k + 1)))
-    return branch_points
+    changes = np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0)
+    return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes]
 
 
 def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
@@ -429,7 +420,7 @@ def draw_in_mode(region: Region, count: int) -> Array:
     q = np.tile(region.q, (count, 1))
     for k in range(1, WAY_STEPS + 1):
         x = region.x + k / WAY_STEPS * displacement
-        next_q, _, closed = close_each(robot, x, q, farthest=MAX_JOINT_STEP)
+        next_q, _, closed = close_each(robot, x, q, farthest=MAX_NEWTON_STEP)
         closed[closed] &= region.contains(next_q[closed])
         q = np.where(closed[:, None], next_q, q)
     return q

@@ -2,6 +2,10 @@
 
 At a Type 2 singularity the passive columns P of the independent loop equations lose rank, P eta = 0. With
 locked motors the passive joints can move at the rates eta, and the platform along t_s.
+
+The smooth measure g of a square P is the scalar of `bordered_system`. With the border (b, c) of P,
+P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1. So the gradient of g is dg = -psi' dP eta
+(Govaerts 2000, section 3.3).
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.closures import loop_curvature
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     instantaneous_motions,
@@ -21,6 +26,7 @@ from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
+from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 # Kinds that no law can cross, because the platform's path does not determine the motion of the joints there.
@@ -192,3 +198,31 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
 
     g = values[:, -1] * np.linalg.slogdet(P).sign
     return SingularityMeasure(g, passive_motion(robot, eta))
+
+
+class MeasureGradient(NamedTuple):
+    """The bordered scalar g of a square P and its gradient, at T configurations."""
+
+    g: Array  # (T,)
+    eta: Array  # (T, n_p) dimensionless passive rates closest to an escaping motion, c' eta = 1
+    by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
+
+
+def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: Border) -> MeasureGradient:
+    """Compute g and dg/dq (T, nv) at configurations with a square P.
+
+    In dg = -psi' dP eta, psi' dP are the changes of the loop forces on the passive joints under constant
+    multipliers psi.
+
+    Args:
+        border: b and c of P, (n_p, 1) for all configurations or (T, n_p, 1).
+    """
+    P = passive_matrix(robot, linearised)
+    solution = solve_bordered(P, border)
+    eta = solution.eta[:, :, 0]  # (T, n_p)
+    transposed_border = Border(border.c, border.b)
+    psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
+    multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
+    force_changes = loop_curvature(robot, robot.loops, linearised.frames, multipliers)  # (T, nv, nv)
+    by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
+    return MeasureGradient(solution.G[:, 0, 0], eta, by_q)

@@ -33,7 +33,6 @@ def test_the_root_is_that_of_the_singular_value_that_vanishes(root, size):
         found = root_of_g(moved_by(values), float(np.clip(start, 0.0, 1.0)), size=size)
         assert found.converged
         assert found.place == pytest.approx(root, abs=5e-15)
-        assert found.residual == 0.0
 
 
 @pytest.mark.parametrize("high", [1e-3, 1.0, 1e3])
@@ -50,7 +49,6 @@ def test_without_a_root_none_is_found():
     assert root_of_g(away, 0.2).place == pytest.approx(0.9, abs=1e-14)
     lost = root_of_g(away, 0.2, longest=0.1)
     assert (lost.converged, lost.place) == (False, 0.2)
-    assert abs(lost.residual) == pytest.approx(0.7, rel=1e-12)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.4, 1.0])

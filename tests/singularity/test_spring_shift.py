@@ -6,7 +6,7 @@ import pytest
 import robots
 from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene, track_path
 from framework.planning.scenes import scene_path
-from framework.singularity.measure_gradient import spring_shift
+from framework.singularity.points_on_path import spring_shift
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
+from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
-from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, require_square
+from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     equation_sizes,
@@ -54,8 +54,7 @@ DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradi
 LEAST_DECREASE = 1e-8  # of the squared distance
 LEAST_PROGRESS = 0.1  # of its excess over that of the best other search
 UNCONVERGED = "the search has not converged"
-LEAST_DAMPING = 1e-2  # first damping after a poor step
-POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
+LEAST_DAMPING = 1e-2  # first damping after a step that does not lead nearer
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,14 +157,10 @@ class PoseSearch:
                 break
 
             following = self._follow(iterate, step, target)
-            gain = 0.0  # actual over predicted decrease; 0 if the step is refused
-            if following is not None:
-                gain = (iterate.value - following.value) / step.decrease
-                iterate = following if gain > 0.0 else iterate
-            # less damping where the quadratic model predicts well, more where it does not
-            if gain > GOOD_GAIN:
+            if following is not None and following.value < iterate.value:
+                iterate = following
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
-            elif gain < POOR_GAIN:
+            else:  # refused, or no nearer to the target
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
 

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
@@ -45,7 +46,6 @@ MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
-MAX_SECANTS = 12
 
 
 class StepMeasure(NamedTuple):
@@ -172,7 +172,7 @@ class Curves:
         t = np.zeros(len(q))
         dt = np.full(len(q), FIRST_SECANT_LENGTH)
         converged = np.zeros(len(q), dtype=bool)
-        for _ in range(MAX_SECANTS):
+        for _ in range(MAX_ITERATIONS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it
             diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
             rests = converged | diverges

@@ -225,7 +225,7 @@ def _take_steps(
 def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -> BranchPoses | None:
     """Close the loops of poses (T, nq) predicted at s (T,), up to the first that does not close.
 
-    None if the first pose does not close.
+    None if the first pose does not close, or if a pose has no tangent.
     """
     _, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
     count = _count_leading(closed)
@@ -234,7 +234,7 @@ def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -
     try:
         return _with_tangents(robot, path, s[:count], linearised.select(slice(count)))
     except NotAssembled:  # a pose is singular to the last bit and has no tangent
-        return _close_ahead(robot, path, s[:1], predicted[:1]) if count > 1 else None
+        return None
 
 
 def _with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:

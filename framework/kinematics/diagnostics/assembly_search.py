@@ -1,11 +1,11 @@
 """Search for a closed pose within the joints' limits, from several starts around the reference.
 
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
-succeed from the same start. The first start of a group is the reference itself. The others are drawn around
-it with a fixed seed, in turn from a quarter, a half and all of the range of each joint. The range is that of
-the limits; without limits it is half a turn or a length of the robot in both directions. From each start
-bounded trust-region least squares (`scipy.optimize`) first nearly closes the loops with joints near the
-reference, then closes them. Of the first few closed poses the nearest to the reference is returned.
+succeed from the same start. The first start of a group is the reference itself. The others are drawn with a
+fixed seed from the range of each joint. The range is that of the limits; without limits it is half a turn or
+a length of the robot in both directions. From each start bounded trust-region least squares
+(`scipy.optimize`) first nearly closes the loops with joints near the reference, then closes them. Of the
+first few closed poses the nearest to the reference is returned.
 
 The result closes the loops and keeps the limits. But parts may collide, or the robot may be intended for
 another assembly.
@@ -34,7 +34,6 @@ from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
 ENOUGH_POSES = 8  # number of closed poses of a group after which the search ends
-START_SPREADS = (0.25, 0.5, 1.0)  # shares of each joint's range from which starts are drawn, in turn
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
 # solver takes steps of least norm (lsmr), because there are more joints than independent equations.
@@ -200,8 +199,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
     poses: list[Array] = []  # offsets (k,) that close the loops
     best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
-        spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0  # the first start is the reference
-        start = reference + spread * (rng.uniform(low, high) - reference)
+        start = rng.uniform(low, high) if k else reference
         u, gap = group.close(group.nearly_close(start))
         if gap < least_gap:
             best_u, least_gap = u, gap
