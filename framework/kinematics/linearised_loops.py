@@ -28,6 +28,8 @@ from framework.numerics.banded_lu import Factors
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import FILE_ROUNDING, RANK_LOST
 
+CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
+
 
 @dataclass(frozen=True, eq=False)
 class LinearisedLoops:
@@ -193,11 +195,11 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
     """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
 
-    Usually there are none. A Cholesky factorisation proves this at a tenth of the cost of singular values: it
-    succeeds only if the squares of all singular values of P, the eigenvalues of P'P, exceed RANK_LOST.
+    Usually there are none. The Cholesky factorisation of P'P - c^2 I proves this at a tenth of the cost of
+    singular values: it succeeds only if all singular values of P are above c.
     """
     P = passive_matrix(robot, linearised)
-    shifted = P.swapaxes(1, 2) @ P - RANK_LOST * np.eye(P.shape[2])
+    shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
     try:
         np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:  # at some configuration: compute the singular values of all

@@ -107,6 +107,12 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
+        has_continuations = type2.branch is not branch
+        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
+            edges = np.array([0.0, *(panel.end for panel in resolved)])
+            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
+            branch = branch.through(edges, q)
+            type2 = replace(type2, branch=branch)
         contacts = find_contacts(type2, resolved)
         misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:

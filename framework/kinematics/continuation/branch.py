@@ -1,12 +1,14 @@
 """A path with one branch of its inverse kinematics, and continuations through singular points.
 
-Newton's method converges to the branch from a guess, the cubic between two knots. It fails where the square
-system of the inverse kinematics is singular although the branch is smooth, as at constraint singularities.
-There a continuation replaces Newton's method: a polynomial through closed configurations on both sides.
+Newton's method converges to the branch from a guess: the cubic between two knots, or a series through closed
+configurations. It fails where the square system of the inverse kinematics is singular although the branch is
+smooth, as at constraint singularities. There a continuation replaces Newton's method: a polynomial through
+closed configurations on both sides.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +23,9 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
-from framework.numerics.chebyshev import nodes, tail
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
+from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # in s, of a continuation; the first accurate one is used
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
@@ -46,16 +48,23 @@ class Continuation(ReadOnlyArrays):
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin at s (T,)."""
-        local = (2 * s - self.start - self.end) / (self.end - self.start)  # in [-1, 1]
-        return np.asarray(chebyshev.chebval(local, self.series), dtype=float).T
+        return _chebyshev_values(self.series, (self.start, self.end), s)
+
+
+def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Array:
+    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv)."""
+    start, end = interval
+    local = (2 * s - start - end) / (end - start)
+    return np.asarray(chebyshev.chebval(local, series), dtype=float).T
 
 
 @dataclass(frozen=True, eq=False)
 class Branch(ReadOnlyArrays):
     """A path with the branch of its inverse kinematics, springs at rest, and the external wrenches.
 
-    Guesses for the offset from `origin` are cubics between the knots `s` (K,). From these guesses Newton's
-    method converges to the branch: the poses of `close` are on the branch to rounding.
+    Guesses for the offset from `origin` are cubics between the knots `s` (K,), or the series of `through`.
+    From these guesses Newton's method converges to the branch: the poses of `close` are on the branch to
+    rounding.
     """
 
     robot: ParallelRobot
@@ -66,6 +75,7 @@ class Branch(ReadOnlyArrays):
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
     wrenches: ExternalWrenches = NO_WRENCHES
+    series: TimeFunction | None = None  # u as a function of s, for more accurate guesses, see `through`
 
     @property
     def knots(self) -> Array:
@@ -81,17 +91,41 @@ class Branch(ReadOnlyArrays):
         wrenches.check_frames(self.robot)
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
+    def through(self, edges: Array, q: Array) -> Branch:
+        """Return the same branch with a Chebyshev series through configurations q for guesses.
+
+        The series is not used if its error at a knot is larger than a correction may be. In this case it does
+        not resolve all joints.
+
+        Args:
+            edges: (panels + 1,) path coordinates of the panels' edges, from 0 to 1.
+            q: (panels * size, nq) configurations at the `size` nodes of each panel, see `TimeGrid`.
+        """
+        grid = TimeGrid(edges, len(q) // (len(edges) - 1))
+        series = grid.fit(difference(self.robot, self.origin, q))
+        error = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
+        return replace(self, series=series) if error < BRANCH_CORRECTION else self
+
     def load_motion(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the external wrenches."""
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Compute guesses (T, nq) at s (T,), from which Newton's method converges to the branch."""
-        u = self._cubic_offsets(s)
+        u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
             covered = (s >= continuation.start) & (s <= continuation.end)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
+
+    @staticmethod
+    def _series_offsets(series: TimeFunction, s: Array) -> Array:
+        """Compute offsets (T, nv) from the origin at s (T,) by the series, also outside [0, 1]."""
+        u = series(np.clip(s, 0.0, 1.0))
+        before, beyond = s < 0.0, s > 1.0
+        u[before] = _chebyshev_values(series.coefficients[0], series.edges[:2], s[before])  # the first panel
+        u[beyond] = _chebyshev_values(series.coefficients[-1], series.edges[-2:], s[beyond])  # the last panel
+        return u
 
     def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin at s (T,) by cubic Hermite interpolation of the knots."""
