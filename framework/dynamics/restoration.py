@@ -5,8 +5,8 @@ eps = 0 has a smooth solution through the point. The law therefore has one free 
 Gauss-Newton on `balance_equations` finds deflections and scalars together. Nothing is divided by the
 singularity measure, and no second derivative is fed back from one pass to the next.
 
-If the cells of the splines limit the misfit, those with the largest misfits are halved. If no step lowers the
-misfit, the problem is first solved for stiffer springs, which are then softened stepwise.
+If the cells of the splines limit the misfit, those with the largest misfits are halved. If that does not
+suffice, the problem is first solved for stiffer springs, which are then softened stepwise.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above,
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
 SETTLED_MISFIT = 1e-13  # |F| over the largest load
+MISFIT_OF_CELLS = 0.1  # above, a misfit that stalls is not due to the cells
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48
 MAX_CELLS = 600
@@ -124,7 +125,12 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
 
 
 def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
-    """Solve from a start, and halve cells until a misfit is reached or cells do not help."""
+    """Solve from a start, and halve cells until a misfit is reached or further cells do not help.
+
+    Args:
+        start: the first iterate, with its cells.
+        misfit: |F| over the largest load, which need not be undercut.
+    """
     result = _gauss_newton(equations, start)
     while result.is_solved and result.state.misfit > misfit:
         result = _halve_cells(equations, result)
@@ -132,47 +138,49 @@ def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
 
 
 def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
-    """Solve for stiff springs, which are softened stepwise to those of the robot.
+    """Solve by continuation in the stiffness of the springs.
 
     The continuation begins with springs MAX_STIFFENING times as stiff. Each step divides this factor by
     `softening`, which is replaced by its square root if the step fails.
+
+    Args:
+        start: the first splines and scalars; the deflections begin from zero.
 
     Raises:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
-    stiffest = equations.evaluate(
-        start.splines, 0.0 * start.series, 0.0 * start.scalars, stiffer=MAX_STIFFENING
-    )
-    if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
+    state = equations.evaluate(start.splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
+    if np.abs(state.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
             f"the undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
-            residual=stiffest.misfit,
+            residual=state.misfit,
         )
-    solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)
-    is_solved = solved.misfit <= MAX_UNRESOLVED_MISFIT
+    solved = None  # the softest springs solved so far
     softening = SOFTENING
-    misfit = solved.misfit
-    while is_solved and softening > MIN_SOFTENING:
+    while softening > MIN_SOFTENING:
+        check_time()
+        state = _refine(equations, state, MAX_UNRESOLVED_MISFIT)
+        if state.misfit <= MAX_UNRESOLVED_MISFIT:
+            solved = state
+        elif solved is None:
+            break
+        else:
+            softening = np.sqrt(softening)
         stiffer = solved.balance.stiffer
+        if stiffer == 1.0:
+            return solved
         softer = max(stiffer / softening, 1.0)
         series = solved.series * (stiffer / softer)  # deflections are nearly proportional to compliance
-        start = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
-        state = _refine(equations, start, MAX_UNRESOLVED_MISFIT)
-        misfit = state.misfit
-        if state.misfit > MAX_UNRESOLVED_MISFIT:
-            softening = np.sqrt(softening)
-            continue
-        if softer == 1.0:
-            return state
-        solved = state
-    verb = "do" if is_solved else "do not either"
+        state = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
+    tried = (solved or state).balance.stiffer
+    verb = "do" if solved else "do not either"
     raise NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; springs {solved.balance.stiffer:.2g} times as stiff {verb}",
-        residual=misfit,
+        f"tried or one near it; springs {tried:.2g} times as stiff {verb}",
+        residual=state.misfit,
     )
 
 
@@ -196,7 +204,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         step = linear.step(state)
         # the cells limit the misfit if not even the linear equations can reduce it much
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
-        if stalls and state.misfit <= 0.1:
+        if stalls and state.misfit <= MISFIT_OF_CELLS:
             return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
         if new is None and are_fresh:

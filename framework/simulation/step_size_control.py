@@ -144,7 +144,7 @@ def _try_step(
 
 
 def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return what a step may leave unresolved: the tolerance and the rounding of its largest motion.
+    """Return the largest admissible defect of a step: the tolerance and the rounding of its motion.
 
     Both are in rad and robot lengths. The motion is estimated from the slopes of the step.
     """

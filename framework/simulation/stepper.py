@@ -154,7 +154,7 @@ class Stepper:
 
     @cached_property
     def damping(self) -> Array:
-        """Damping (R, nv) of the joints, with what the caller adds [N m s/rad, N s/m]."""
+        """Damping (R, nv) of the joints, with the damping added by the caller [N m s/rad, N s/m]."""
         return np.array([equations.damping for equations in self.equations])
 
     def start(

@@ -13,16 +13,14 @@ solution of a linear program. At a crossing rho is 0 / 0; -eps h g / (g^2 + delt
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from framework.dynamics.loaded_balance import DeflectedMotion
-from framework.dynamics.loaded_measure import measure_softening
+from framework.dynamics.loaded_measure import Softening, measure_softening
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.numerics.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
+from framework.numerics.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.optimal_task import Task
@@ -34,13 +32,6 @@ LEAST_SQUARED_SPEED = 0.02  # z of all laws, times the duration squared
 MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the solver
 
 
-class _SofteningRows(NamedTuple):
-    """rho at M points as matrix @ y + offset, where y are the coefficients of z."""
-
-    matrix: Array  # (M, n)
-    offset: Array  # (M,)
-
-
 def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening | None:
     """Find the least rho of all laws that meet condition (8), to first order; None if the solver fails.
 
@@ -49,53 +40,57 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         duration: [s], the unit of time.
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
-    rho = _softening_rows(problem.task, program)
-    unit = duration**-2
-    conditions = program.conditions
-    size = np.abs(conditions.matrix).max(axis=1).toarray().ravel()
-    entries = np.maximum(1.0, unit * np.abs(rho.matrix).max(axis=1) / MAX_ENTRY)[:, None]
+    unit = duration**-2  # of y
+    softening = _softening_rows(problem.task, program)
+    slopes = unit * softening.matrix
+    largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
+    below_rho = AffineRows(
+        {"y": csr_array(-slopes / largest[:, None]), "rho": csr_array(1.0 / largest[:, None])},
+        -softening.offset / largest,
+    )
+    conditions = program.conditions.matrix
+    sizes = np.abs(conditions).max(axis=1).toarray().ravel()  # (k,)
+    of_conditions = AffineRows(
+        {"y": diags_array(1.0 / sizes) @ conditions}, program.conditions.offset / (unit * sizes)
+    )
     positive = program.positive_rows
+    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
+    sizes_of_unknowns = {"y": program.basis.size, "rho": 1}
     optimum = solve_cone_program(
         ConeProgram(
-            {"y": program.basis.size, "rho": 1},
+            sizes_of_unknowns,
             {"rho": np.ones(1)},
-            equal=[
-                AffineRows(
-                    {"y": diags_array(1.0 / size) @ conditions.matrix}, conditions.offset / size / unit
-                )
-            ],
-            nonnegative=[
-                AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED)),
-                AffineRows(
-                    {"y": csr_array(-unit * rho.matrix / entries), "rho": csr_array(1.0 / entries)},
-                    -rho.offset / entries[:, 0],
-                ),
-            ],
+            equal=[of_conditions],
+            nonnegative=[above_least, below_rho],
         )
     )
     if isinstance(optimum, Unsolved):
         return None
-    values = unit * rho.matrix @ optimum["y"] + rho.offset
-    worst = int(values.argmax())
-    s = problem.task.phi(problem.sigma(program.xi[worst : worst + 1]))
-    return LeastSoftening(float(s[0]), float(values[worst]))
+    rho = slopes @ optimum["y"] + softening.offset
+    worst = np.array([rho.argmax()])
+    s = problem.task.phi(problem.sigma(program.xi[worst]))
+    return LeastSoftening(float(s[0]), float(rho.max()))
 
 
-def _softening_rows(task: Task, program: SpeedProgram) -> _SofteningRows:
-    """Compute rho at the points of a program, as rows on the coefficients of z."""
+def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
+    """Compute rho at the M points of a program as an affine function of the coefficients y of z."""
     sigma = program.problem.sigma(program.xi)
-    s = [task.phi(sigma, order) for order in range(3)]  # and two derivatives by sigma
-    measures = []
-    for root_z, u in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)):
-        in_time = [s[0], s[1] * root_z, s[2] * root_z**2 + s[1] * u]  # dphi/dt, d2phi/dt2
-        x = time_derivatives(task.branch.path, in_time)
-        undeflected = np.zeros((len(sigma), task.robot.n_e))
-        motion = DeflectedMotion(s[0], *x, undeflected, undeflected, undeflected)
-        measures.append(measure_softening(task.branch, motion))
-    at_rest, with_z, with_both = (measure.h for measure in measures)
-    g = measures[0].g
-    weight = -g / (g**2 + (CROSSING_SHARE * np.abs(g).max()) ** 2)
+    # h at three (z, u) gives its part per 1, per z and per u = z'/2
+    g, h_rest = _measure_at(task, sigma, 0.0, 0.0)
+    _, h_z = _measure_at(task, sigma, 1.0, 0.0)
+    _, h_u = _measure_at(task, sigma, 1.0, 1.0)
     z = program.basis.matrix(program.xi)
-    u_rows = diags_array(0.5 * task.stretch(sigma, 1)) @ program.basis.matrix(program.xi, 1)
-    h = diags_array(with_z - at_rest) @ z + diags_array(with_both - with_z) @ u_rows
-    return _SofteningRows((diags_array(weight) @ h).toarray(), weight * at_rest)
+    u = diags_array(0.5 * task.stretch(sigma, 1)) @ program.basis.matrix(program.xi, 1)
+    h = diags_array(h_z - h_rest) @ z + diags_array(h_u - h_z) @ u
+    delta = CROSSING_SHARE * np.abs(g).max()
+    weight = -g / (g**2 + delta**2)
+    return Affine((diags_array(weight) @ h).toarray(), weight * h_rest)
+
+
+def _measure_at(task: Task, sigma: Array, z: float, u: float) -> Softening:
+    """Compute the measure and its softening at sigma (M,) under z = (d sigma/dt)^2 and u = d2 sigma/dt2."""
+    phi, dphi, ddphi = (task.phi(sigma, order) for order in range(3))
+    s = [phi, dphi * np.sqrt(z), ddphi * z + dphi * u]  # with two time derivatives
+    x, dx, ddx = time_derivatives(task.branch.path, s)
+    rest = np.zeros((len(sigma), task.robot.n_e))
+    return measure_softening(task.branch, DeflectedMotion(phi, x, dx, ddx, rest, rest, rest))

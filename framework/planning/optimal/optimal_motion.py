@@ -231,7 +231,7 @@ class _ElasticSearch:
         )
 
     def _try_nearer(self) -> bool:
-        """Trust the linear torques less for one more law; return False if they were trusted least."""
+        """Lower the trusted share for one more law; return False after the least share."""
         self.failures += 1
         return self.failures < len(TRUSTED_SHARES)
 
