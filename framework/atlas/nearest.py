@@ -44,8 +44,7 @@ from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import Border
-from framework.singularity.measure_gradient import measure_gradient
-from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
+from framework.singularity.type2 import has_signed_measure, measure_gradient, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray

@@ -356,12 +356,13 @@ def choose_timing(
     best, score = _search_timings(starts[best_first], request, score_laws)
     timing = _crossing_times(best)
     if score <= 0:
+        or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
             f"{name}: no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
             f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another "
-            f"duration, or take law optimal"
+            f"duration{or_optimal}"
         )
     return timing
 

@@ -48,19 +48,13 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         {"y": csr_array(-slopes / largest[:, None]), "rho": csr_array(1.0 / largest[:, None])},
         -softening.offset / largest,
     )
-    conditions = program.conditions.matrix
-    sizes = np.abs(conditions).max(axis=1).toarray().ravel()  # (k,)
-    of_conditions = AffineRows(
-        {"y": diags_array(1.0 / sizes) @ conditions}, program.conditions.offset / (unit * sizes)
-    )
     positive = program.positive_rows
     above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
-    sizes_of_unknowns = {"y": program.basis.size, "rho": 1}
     optimum = solve_cone_program(
         ConeProgram(
-            sizes_of_unknowns,
+            {"y": program.basis.size, "rho": 1},
             {"rho": np.ones(1)},
-            equal=[of_conditions],
+            equal=[_scale_conditions(program.conditions, unit)],
             nonnegative=[above_least, below_rho],
         )
     )
@@ -70,6 +64,12 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     worst = np.array([rho.argmax()])
     s = problem.task.phi(problem.sigma(program.xi[worst]))
     return LeastSoftening(float(s[0]), float(rho.max()))
+
+
+def _scale_conditions(conditions: Affine, unit: float) -> AffineRows:
+    """Return conditions (k, n) with a largest entry of 1, on y in a unit [1/s^2]."""
+    sizes = np.abs(conditions.matrix).max(axis=1).toarray().ravel()  # (k,)
+    return AffineRows({"y": diags_array(1.0 / sizes) @ conditions.matrix}, conditions.offset / (unit * sizes))
 
 
 def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
