@@ -8,11 +8,13 @@ import pytest
 
 import robots
 from framework import InvalidInput, NoLaw, assemble, plan_crossing
+from framework.dynamics.loaded_balance import DeflectedMotion
+from framework.dynamics.loaded_measure import measure_softening
 from framework.dynamics.loading import LoadReason, loaded_stack
 from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.stiffness import least_stiffness
 from framework.kinematics.frames import frames_at
-from framework.planning.refusals import StaticFold
+from framework.planning.refusals import LeastSoftening, StaticFold
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import NEWTON_STEP
 from tests.dynamics.upright_robots import drawn
@@ -241,3 +243,30 @@ def test_a_plan_is_refused_with_the_fold_and_the_springs_that_hold():
     assert refusal.value.evidence == StaticFold(0.0, fold_at_start)
     stiffness = float(str(refusal.value).split("springs ")[-1].split(" times")[0])
     assert find_static_fold(branch_of(100.0 / stiffness), 0.0) is None
+
+
+def softening_at_rest(branch, s):
+    """The share of the measure that the robot at rest loses, to first order."""
+    at, still = np.array([s]), np.zeros((1, branch.robot.n))
+    rest = np.zeros((1, branch.robot.n_e))
+    found = measure_softening(branch, DeflectedMotion(at, branch.path(at), still, still, rest, rest, rest))
+    return float(-found.h[0] / found.g[0])
+
+
+@pytest.mark.parametrize("s", [0.0, 1.0])
+def test_the_robot_has_lost_half_of_its_measure_at_a_fold(s):
+    # near the locus the balance is a quadratic equation, whose roots meet where the measure has halved
+    share = softening_at_rest(branch_of(100.0), s)
+    assert 0.5 / share == pytest.approx(find_static_fold(branch_of(100.0), s), rel=0.15)  # to first order
+    assert softening_at_rest(branch_of(50.0), s) == pytest.approx(0.5 * share, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_plan_is_refused_with_the_least_softening_along_the_path():
+    asked = drawn(50)
+    with pytest.raises(NoLaw, match=r"the springs give way at s = 0\.058") as refusal:
+        plan_crossing(asked.robot(3.0), asked.path, duration=asked.duration, law="optimal")
+    least = refusal.value.evidence
+    assert isinstance(least, LeastSoftening)
+    assert 0.5 < least.rho < 0.6
+    plan_crossing(asked.robot(1.0), asked.path, duration=asked.duration, law="optimal")
