@@ -68,7 +68,7 @@ The optimal law:
     NotConverged: law and springs do not settle together
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: springs do not start or stop at rest
-        planning.optimal.rest_of_springs.check_rest
+        planning.optimal.elastic_balance.check_rest
 
 The motion, under either law or one of the user's own:
 

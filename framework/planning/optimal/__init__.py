@@ -9,8 +9,8 @@
 * `undeformed_law`: the best law of a task, or the refusal of its limits;
 * `optimal_motion`: law and certified torques in turn; for elastic robots with `dynamics.torque_response`,
   refused if `dynamics.static_fold` finds that springs give way;
-* `elastic_balance`: the nearest law that an elastic robot can follow;
-* `rest_of_springs`: the check that springs start and stop at rest, as the law does;
+* `elastic_balance`: the nearest law that an elastic robot can follow, with springs at rest at both ends;
+* `least_softening`: whether loads leave any law with deflections in balance;
 * `peak_bound`: bounds of every law by duality (`dual_program`);
 * `limit_curves`: speeds and accelerations that the motors allow.
 """

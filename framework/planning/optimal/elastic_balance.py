@@ -2,6 +2,9 @@
 
 The scalars of the law are the values of t_s . W_p where the undeformed robot is singular. They differ from
 zero so that the loaded robot meets condition (8) at its own singular points.
+
+Balance alone does not ensure that springs start and stop at rest, as the law does: springs that carry inertia
+may be in balance while they vibrate at an end.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.restoration import BalanceSolution, solve_balance
+from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis, SpeedSpace
@@ -21,9 +25,12 @@ from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
 from framework.planning.optimal.undeformed_law import problem_of
+from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE
 
 # degree of z as one series, which makes deflections smooth; samples of z for each degree, to fit it
 SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12
+END_SAMPLES = 401  # of a motion, for the largest rates of its springs
+NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest; slower springs are not checked, for rounding
 SCALAR_STEP = 1e-4  # of differences in a scalar, over the size of the terms of its condition
 
 
@@ -103,3 +110,29 @@ def _no_law_near(task: Task) -> NotConverged:
         f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=np.inf,
     )
+
+
+def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
+    """Check that springs start and stop at rest, as the law does.
+
+    Args:
+        dynamics: the motion.
+        smoothness: number of derivatives of the law that vanish at both ends.
+
+    Raises:
+        NotConverged: the rate of a spring at an end is more than MAX_END_RATE of its largest, or the
+            acceleration more than MAX_END_ACCELERATION.
+    """
+    robot = dynamics.robot
+    t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
+    for order, quantity, allowed in ((1, "rate", MAX_END_RATE), (2, "acceleration", MAX_END_ACCELERATION)):
+        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
+        largest = values.max(axis=0)
+        counted = largest > NEGLIGIBLE_RATE * largest.max()
+        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        if at_ends > allowed:
+            raise NotConverged(
+                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
+                f"most {allowed:g}), though {smoothness} derivatives of the law vanish there",
+                residual=float(at_ends),
+            )

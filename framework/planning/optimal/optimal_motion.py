@@ -34,7 +34,7 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
-from framework.planning.optimal.elastic_balance import find_law_in_balance
+from framework.planning.optimal.elastic_balance import check_rest, find_law_in_balance
 from framework.planning.optimal.least_softening import find_least_softening
 from framework.planning.optimal.optimal_task import (
     Task,
@@ -44,7 +44,6 @@ from framework.planning.optimal.optimal_task import (
     other_law,
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
-from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess, motor_peaks
