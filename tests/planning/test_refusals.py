@@ -60,7 +60,7 @@ TABLE = read_table(refusals.__doc__)
 
 def test_whatever_refuses_a_plan_is_in_the_table():
     made = {module: errors_made(module) for module in modules_on_the_way()}
-    assert sum(map(bool, made.values())) > 20
+    assert sum(map(bool, made.values())) >= 20
     for module, refusals_made in made.items():
         listed = {error for error, _, names in TABLE if module in {name.rpartition(".")[0] for name in names}}
         assert refusals_made <= listed, f"{module} refuses with {refusals_made - listed} too"
