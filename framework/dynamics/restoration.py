@@ -180,7 +180,7 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
     raise NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
         f"tried or one near it; springs {tried:.2g} times as stiff {verb}",
-        residual=state.misfit,
+        residual=start.misfit,
     )
 
 
