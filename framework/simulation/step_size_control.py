@@ -29,7 +29,7 @@ from framework.simulation.equations import EquationsOfMotion, State
 from framework.tolerances import SAME_PLACE
 
 BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a bridging step, whose `unresolved` part is reported
-SHORTENING = 4.0  # of a step that fails; steps shorter than usual by twice this factor indicate a singularity
+BRIDGED_SHORTENING = 8.0  # steps shorter than the usual one by this factor indicate a singularity
 BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # bridging steps over the usual step, tried in turn
 STEP_SAFETY = 0.8  # factor on the length that the estimate of the unresolved part allows
 NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
@@ -95,8 +95,8 @@ def _step_lengths(
 ) -> Iterator[tuple[float, float]]:
     """Yield the lengths [s] to try in turn for a step, each with its factor on the tolerance.
 
-    Each try is shorter than the last one by the factor SHORTENING. Where steps become far shorter than usual,
-    longer ones that may bridge a singularity are tried once.
+    The length is halved from try to try. Where steps become far shorter than usual, longer ones that may
+    bridge a singularity are tried once.
 
     Args:
         length: the first length [s].
@@ -106,8 +106,8 @@ def _step_lengths(
     """
     bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]
     yield _divide_evenly(length, remaining), 1.0
-    while (length := length / SHORTENING) >= shortest:
-        if 2.0 * SHORTENING * length < usual:
+    while (length := length / 2) >= shortest:
+        if length < usual / BRIDGED_SHORTENING:
             for bridge in bridging:
                 yield _divide_evenly(bridge, remaining), BRIDGING_LENIENCY
             bridging = []

@@ -14,7 +14,7 @@ from tests.oracles.planar import cross, legs
 
 POINTS = [(0.1, 0.345), (-0.05, 0.15), (0.03, -0.2)]
 SINGULAR = (0.0, np.sqrt(0.06))
-DRIVE, ROD, PAYLOAD = 25000.0, 350000.0, 10.0  # [N m/rad], [N/m], [kg]
+DRIVE, ROD, ROTOR, PAYLOAD = 25000.0, 350000.0, 6.4e-6 * 50**2, 10.0  # [N m/rad], [N/m], [kg m^2], [kg]
 
 
 @pytest.mark.parametrize("x", [*POINTS, SINGULAR])
