@@ -62,7 +62,8 @@ def collocate(
         NotConverged: no step, however short, can be solved or resolved; or too many steps are needed.
     """
     table = radau_table(stages)
-    length = min(longest, duration / stages)  # of the next step
+    # of the next step; the first is short, because nothing is known of the motion yet
+    length = min(longest, duration / stages)
     usual = 0.0  # length of accepted steps; falls at most by half from step to step
     accepted = 0
     for time, end in pairwise(drive.edges(duration)):
