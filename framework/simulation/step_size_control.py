@@ -127,7 +127,7 @@ def _divide_evenly(length: float, remaining: float) -> float:
 def _try_step(
     equations: StepEquations, previous: CollocationStep | None, tolerance: float, leniency: float
 ) -> CollocationStep:
-    """Solve a step from a guess extrapolated from the previous one, if there is one.
+    """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
         tolerance: what a step may leave unresolved [rad, robot lengths].
