@@ -175,13 +175,16 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
         softer = max(stiffer / softening, 1.0)
         series = solved.series * (stiffer / softer)  # deflections are nearly proportional to compliance
         state = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
-    tried = (solved or state).balance.stiffer
-    verb = "do" if solved else "do not either"
-    raise NotConverged(
-        f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; springs {tried:.2g} times as stiff {verb}",
-        residual=start.misfit,
+    name = equations.branch.robot.name
+    reason = (
+        f"{name}: no deflections found that hold the forces they cause, under the law tried or one near it"
     )
+    if solved is None:
+        raise NotConverged(
+            f"{reason}; springs {MAX_STIFFENING:g} times as stiff do not either", residual=np.inf
+        )
+    stiffer = solved.balance.stiffer
+    raise NotConverged(f"{reason}; springs {stiffer:.2g} times as stiff do", residual=start.misfit)
 
 
 def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewtonResult:
