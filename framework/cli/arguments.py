@@ -23,7 +23,13 @@ from framework.numerics.fields import number
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import Document, write_file, written_together
 from framework.numerics.tasks import executor_of
-from framework.planning.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MotionTable
+from framework.planning.motion_table import (
+    DEFAULT_ROWS,
+    MAX_SAMPLES,
+    MotionTable,
+    motion_columns,
+    select_columns,
+)
 from framework.planning.options import TYPED
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
@@ -224,7 +230,13 @@ def load_or_plan(options: Namespace) -> CrossingPlan:
     if saved is not None:
         return saved
     robot = load(options)
+    check_columns(options, robot)
     return plan_request(robot, request(options, robot))
+
+
+def check_columns(options: Namespace, robot: ParallelRobot) -> None:
+    """Refuse unknown --columns before the plan is computed, which takes time."""
+    select_columns(motion_columns(robot), getattr(options, "columns", None))
 
 
 def saved_plan(options: Namespace) -> CrossingPlan | None:

@@ -96,6 +96,7 @@ def run_plan(options: Namespace) -> Report:
     request = arguments.request(options, robot)
     options.warnings += remarks_on_bodies(robot)
     _check_options(options, level)
+    arguments.check_columns(options, robot)
     if options.raw:
         with arguments.written_out(options, "raw.json") as folder:
             return report_raw(options, robot, request, folder)
