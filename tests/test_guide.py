@@ -14,7 +14,7 @@ from tests.test_help import EXAMPLES
 
 ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / "framework" / "README.md"
-QUESTIONS_ABOUT_A_PLAN = 8
+QUESTIONS_ABOUT_A_PLAN = 11
 
 
 def rows_of(file: Path) -> list[tuple[Path, str]]:

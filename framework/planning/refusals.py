@@ -1,8 +1,9 @@
-"""All reasons to refuse a plan, in the order in which they are checked.
+"""All reasons to refuse a plan, roughly in the order in which they are checked.
 
 Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
 one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
-`planning.options` or `planning.request`. `planning.plan` adds the remedy. The code below the table has the
+`planning.options` or `planning.request`. A search that a time limit ends raises SearchEnded
+(`numerics.time_limit`). `planning.plan` adds the remedy. The code below the table has the
 records of the numbers on which a refusal rests, and the refusal of laws that turn back.
 
 On the path, springs at rest:

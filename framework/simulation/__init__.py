@@ -8,7 +8,7 @@ but no solver. Open `simulate` first, which checks its arguments and calls one o
 * `consistent_states`: the state at the start, and the accelerations of single states;
 * `collocation`, `step_size_control`: methods reference and stiff; `methods`: also method explicit;
   `stepper`: method fast, and fixed steps for control loops and for many runs;
-* `trajectory`, `result`: the motion between steps with its events, and the result.
+* `trajectory`: the motion between steps with its events.
 """
 
 from framework.simulation.drive import PlannedMotion
