@@ -84,7 +84,7 @@ class Stretch:
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
         w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
         """
-        # the derivative of the first term, sigma: 1, then 0
+        # the first term, sigma, or its derivative: 1, then 0
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
@@ -217,7 +217,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
-    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
+    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()  # error of z [1/s^2]
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
     edges[[0, -1]] = 0.0, 1.0  # free of rounding
     while len(edges) <= MAX_PANELS:
@@ -240,7 +240,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]
+        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]  # halve the coarse panels
         edges = np.sort(np.concatenate([edges, middles]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 

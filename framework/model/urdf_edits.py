@@ -170,7 +170,7 @@ def add_frame(
 
 
 def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
-    """Fix joints of one freedom at values [rad, m], by name; remove their mimics.
+    """Fix joints of one freedom at values [rad, m], by name; a fixed joint follows no other any more.
 
     Raises:
         RobotFileError: no joint of one freedom has such a name.
@@ -182,7 +182,7 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Fix a joint that moves at the values [rad, m] of its coordinates."""
+    """Fix a joint that moves at the values [rad, m] of its coordinates; remove axis, limits and mimic."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone

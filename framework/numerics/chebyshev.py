@@ -62,7 +62,7 @@ def tail(series: Array) -> float:
     largest = float(sizes.max(initial=0.0))
     if not np.isfinite(largest):
         return np.inf
-    count = max(2, series.shape[-2] // 8)
+    count = max(2, series.shape[-2] // 8)  # at least 2: every other coefficient of an even function is 0
     return float(sizes[..., -count:, :].max()) / largest if largest > 0 else 0.0
 
 
@@ -88,10 +88,12 @@ def real_roots(series: Array) -> Array:
     beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
     axis, because rounding splits a double root by its square root.
     """
+    # the colleague matrix divides by the last coefficient, so last coefficients of rounding size are cut off
     rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
     roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
-    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+    inside = real[np.abs(real) <= 1 + SAME_PLACE]
+    return np.sort(np.clip(inside, -1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +180,7 @@ class TimeGrid(ReadOnlyArrays):
         The function must have the panels and the size of this grid. Differentiation amplifies the rounding
         error of each coefficient, which is small if the coefficient is small.
         """
-        basis, first, second = _basis_values(self.size)
+        basis, first, second = _basis_values(self.size)  # polynomials and derivatives, (size, size) each
         series = function.coefficients
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         return (

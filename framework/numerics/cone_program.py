@@ -203,7 +203,11 @@ class LinearMatrix(NamedTuple):
 def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
     """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
 
-    Return the solver's status if it finds none.
+    The result is the solver's status if it finds no such y.
+
+    Args:
+        matrices: matrices (k, k) that are affine in y.
+        positive: affine function of y whose values must not be negative.
     """
     import clarabel
     from scipy import sparse

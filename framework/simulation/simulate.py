@@ -104,12 +104,13 @@ class Simulation(ReadOnlyArrays):
         return self.robot.platform.coordinates(frames)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers of the result, for JSON."""
+        """Return method, errors, steps, events and computing time of the result, for JSON."""
         errors = ("tracking_error", "turning_error", "closure_error", "energy_error")
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
             **select_fields(self, "method", "duration", *errors),
+            # an estimate that overflows is null, as JSON has no infinity
             "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
             "steps": self.steps,
             "events": [{"name": event.name, "time": event.time} for event in self.occurrences],
@@ -203,20 +204,22 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     """Compute the largest residual [m or rad] of all loop equations at times (T,) [s] and q (T, nq).
 
-    Redundant loop equations are included: they were not integrated, but must hold as well.
+    Redundant loop equations are included: the simulation leaves them out, because they follow from the others
+    at the reference. They must hold along the whole motion.
 
     Raises:
         NotAssembled: a loop equation opens that was redundant at the reference.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    dropped = robot.structure.dropped
-    integrated = gaps[:, robot.structure.independent]
-    # a dropped equation follows from the others, so it may be open by some multiple of their gaps
-    allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
-    torn = gaps[:, dropped] > allowed  # (T, redundant equations)
-    if torn.any():
-        instant = int(np.argmax(torn.any(axis=1)))
-        row = int(dropped[np.argmax(torn[instant])])
+    redundant = robot.structure.dropped  # indices of the rows
+    largest_independent = gaps[:, robot.structure.independent].max(initial=0.0)
+    # A redundant row combines independent ones with factors near 1, so their gaps may add up in it: 10 is
+    # ample. Frames rounded in the robot file open it, too.
+    allowed = FILE_ROUNDING * robot.row_lengths[redundant] + 10 * largest_independent
+    is_torn = gaps[:, redundant] > allowed  # (T, redundant rows)
+    if is_torn.any():
+        instant = int(np.argmax(is_torn.any(axis=1)))  # the first
+        row = int(redundant[np.argmax(is_torn[instant])])
         raise NotAssembled(
             f"{robot.name}: the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
             f"equations at the reference, is open by {gaps[instant, row]:.3g} m or rad at t = "

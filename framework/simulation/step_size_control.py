@@ -146,14 +146,14 @@ def _try_step(
 def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
     """Return the largest admissible defect of a step: the tolerance and the rounding of its motion.
 
-    Both are in rad and robot lengths. The motion is estimated from the slopes of the step.
+    Both are in rad and robot lengths. The motion is the step's length times its offset rates.
     """
-    motions = step.length * np.abs(step.slope / equations.robot.column_scale)
+    motions = step.length * np.abs(step.offset_rate / equations.robot.column_scale)
     return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
 
 
 def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return the factor on the length of the next step.
+    """Return the factor on the length of the next step, at which its unresolved part is admissible.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
@@ -176,7 +176,7 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
-    """Return the state at the end of a step, with the velocity projected onto the loops."""
+    """Return the state at the end of a step, with the velocity projected onto those that the loops allow."""
     tangent = equations.tangent_at_rest(step.q[-1])
     return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
 
@@ -184,10 +184,10 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of this length [s].
+    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of `length` [s].
 
-    They are extrapolated from the previous step by its first Legendre coefficients, because the last ones
-    would grow too fast outside of it. Without a previous step they are zero.
+    The first Legendre coefficients of the previous step are extrapolated. The last ones are left out, because
+    their polynomials grow too fast outside of the step. Without a previous step the guess is zero.
     """
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))

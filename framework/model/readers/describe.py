@@ -381,7 +381,7 @@ def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
 
 
 def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None:
-    """Return the platform that options and file state; None if frame or axes are open."""
+    """Return the platform that options and file state; None unless they state frame and axes."""
     frame = options.platform
     joints = options.platform_joints
     platform = partial.platform
@@ -400,9 +400,11 @@ def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None
 
 
 def merge_reference(options: Options, names: Sequence[str], own: Mapping[str, float]) -> dict[str, float]:
-    """Override the file's `own` reference [rad, m] by that of the options.
+    """Override the reference positions [rad, m] of a file by those of the options.
 
-    `names` are the coordinates that a reference may name.
+    Args:
+        names: coordinates that a reference may name.
+        own: reference of the file, by coordinate.
 
     Raises:
         RobotFileError: the options name another coordinate.

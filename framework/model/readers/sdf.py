@@ -98,9 +98,8 @@ class _Joint(NamedTuple):
     kind: str  # one of the values of _KIND_OF_TYPE
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
-    motions: list[
-        NewJoint
-    ]  # of one freedom each, in the joint's frame; one without an axis if fixed or a ball
+    # of one freedom each, in the joint's frame; a fixed joint or a ball has one motion, without an axis
+    motions: list[NewJoint]
     dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain_from(self, link: str) -> tuple[list[NewJoint], str, Array]:
