@@ -248,7 +248,7 @@ class ReferenceMotion:
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Return the distances (T,) of the platform at q (T, nq) from the pose x (T, n), in path lengths."""
+        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
         return np.linalg.norm(offset * robot.length, axis=1) / self.length

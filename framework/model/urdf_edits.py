@@ -65,9 +65,8 @@ class NewJoint(NamedTuple):
 def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
     """Return a `<joint>` from link `parent` to link `child`.
 
-    Limits that URDF requires and `joint` does not have are so large that no motion reaches them.
-
-    A continuous joint with limits becomes a revolute one.
+    Limits that URDF requires and `joint` does not have are so large that no motion reaches them. A continuous
+    joint with limits becomes a revolute one.
     """
     kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
     element = Element("joint", name=joint.name, type=kind)
@@ -120,7 +119,7 @@ def free_name(wanted: str, taken: set[str]) -> str:
 def visual_element(shape: str, words: dict[str, str], origin: Array) -> Element:
     """Return the `<visual>` of a primitive shape at a placement `origin` (4, 4) in the link.
 
-    `shape` is the tag of the shape, `words` are the attributes with its size.
+    `shape` is the tag of the shape, such as box; `words` are the attributes with its size [m].
     """
     visual = Element("visual")
     visual.append(origin_element(origin))

@@ -202,7 +202,7 @@ class TimeGrid(ReadOnlyArrays):
         """
         best_size = size
         best_distance = -1.0
-        for candidate in range(size, size + 6) if len(instants) else ():
+        for candidate in range(size, size + 6) if len(instants) else ():  # any nodes will do without instants
             times = _nodes_between(edges, candidate)
             distance = float(np.abs(times - instants[:, None]).min()) * candidate  # relative to 1 / candidate
             if distance > best_distance * 1.001:  # by more than rounding

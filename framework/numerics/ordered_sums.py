@@ -102,7 +102,7 @@ def split_row_space(
     Args:
         matrix: (m, c).
         level: least singular value that counts, over the largest one.
-        scale: range to which the largest singular value is clipped first; (1, 1) makes the level absolute.
+        scale: bounds to which the largest singular value is clipped first; (1, 1) makes the level absolute.
         at_least: least dimension of the null space, even if more singular values are above the level.
     """
     _, values, V_rows = np.linalg.svd(matrix)

@@ -184,7 +184,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
         if drive.world.acts:
             world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
         end = stepper.step(q, v, torque, h, world=world)
-        mean = 0.5 * (v + end.v)
+        mean = 0.5 * (v + end.v)  # (nv,)
         supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
         dissipated = mean**2 @ task.equations.damping
         yield FixedStep(end, float(supplied - dissipated))
@@ -234,7 +234,8 @@ def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
     """Estimate the error [rad, robot lengths] that fixed steps of order 2 accumulate.
 
-    The truncation error of a step of length h is h^3 / 12 times the third derivative of q. The third
+    It is the sum of the truncation errors of all steps, for the coordinate of the largest sum. The truncation
+    error of a step of length h is h^3 / 12 times the third derivative of q. The third
     derivative is the second difference of the velocities v (K + 1, nv), divided by h^2. The estimate does not
     include the growth of errors along an unstable motion.
     """
@@ -320,6 +321,7 @@ class ContactDynamics:
                 second.placement,
                 pin.ReferenceFrame.LOCAL,
             )
+            # Baumgarte stabilisation of the gap e: e" + Kd e' + Kp e = 0 is critically damped
             gains = contact.m_baumgarte_parameters
             gains.Kp = 1 / closing**2
             gains.Kd = 2 / closing
@@ -380,7 +382,8 @@ def explicit_steps(
 
     equations = dynamics.equations
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
-    # torques that depend on time alone are computed for all stages at once
+    # torques that depend on time alone are computed for all stages at once, `motors` (K, stages, nv);
+    # by rounding the last stage may lie beyond the end
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, -1)
 

@@ -192,7 +192,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
 
-    # the divisor: the energy exchanged, at least its rounding
+    # the divisor: the energy exchanged, at least the rounding of a typical work
     gravity = np.linalg.norm(robot.model.gravity.linear)
     duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
     acceleration = gravity + robot.length / duration**2
@@ -213,8 +213,8 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
     redundant = robot.structure.dropped  # indices of the rows
     largest_independent = gaps[:, robot.structure.independent].max(initial=0.0)
-    # A redundant row combines independent ones with factors near 1, so their gaps may add up in it: 10 is
-    # ample. Frames rounded in the robot file open it, too.
+    # A redundant row is a combination of independent ones, so their gaps may add up in it; the factor 10 leaves
+    # a margin for that. Frames that are rounded in the robot file open it, too.
     allowed = FILE_ROUNDING * robot.row_lengths[redundant] + 10 * largest_independent
     is_torn = gaps[:, redundant] > allowed  # (T, redundant rows)
     if is_torn.any():
@@ -236,8 +236,8 @@ def _path_errors(
     """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq).
 
     Returns:
-        The largest distance [m] of the platform from its plan, and the largest angle [rad] or None. For a
-        platform that only turns the angle stands alone, in the first place.
+        The largest distance [m] of the platform from its plan, or the largest angle [rad] if it only turns;
+        the largest angle [rad] if it both moves and turns, else None.
     """
     x = planned.platform(np.minimum(times, planned.duration))  # (T, n)
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)

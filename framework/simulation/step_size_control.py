@@ -105,7 +105,7 @@ def _step_lengths(
         remaining: time to go until the torque may jump [s].
         shortest: length below which no step is tried [s].
     """
-    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]
+    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]  # emptied once they are tried
     yield _divide_evenly(length, remaining), 1.0
     while (length := length / 2) >= shortest:
         if length < usual / BRIDGED_SHORTENING:
@@ -153,7 +153,7 @@ def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolera
 
 
 def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return the factor on the length of the next step, at which its unresolved part is admissible.
+    """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
@@ -176,7 +176,7 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
-    """Return the state at the end of a step, with the velocity projected onto those that the loops allow."""
+    """Return the state at the end of a step, with a velocity that the loops allow."""
     tangent = equations.tangent_at_rest(step.q[-1])
     return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
 

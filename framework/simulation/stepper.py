@@ -246,7 +246,7 @@ class Stepper:
         loop_rate = matvec(terms.jacobian, v)  # (R, m)
         # (R, m) second time derivatives of the loop equations without accelerations
         drift = self.drift(terms)
-        # residuals (R, m) at q, by a Taylor series from the middle back to the start
+        # residuals (R, m) at q, by a Taylor series over -h/2 from the middle back to the start
         gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
 
         # the two solutions differ in the bias forces, and in the drift of the loops
@@ -312,9 +312,10 @@ class Stepper:
         return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
     def _implicit_mass(self, mass: Array, d: float) -> Array:
-        """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, for a time d [s].
+        """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, d in [s].
 
         K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
+        The time d is half of the step, or the step, see the header.
         """
         matrix = mass.copy()
         diagonal = range(mass.shape[1])

@@ -70,7 +70,7 @@ class Cubics(ReadOnlyArrays):
         derivative with respect to u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and
         c_3 = h v_0 + h v_1 - 2 d.
         """
-        k = _step_index(self.edges, t)
+        k = _step_index(self.edges, t)  # (T,) step that contains each time
         h = np.diff(self.edges)[k][:, None]
         u = (t - self.edges[k])[:, None] / h
         d = difference(self.robot, self.q[k], self.q[k + 1])  # (T, nv)

@@ -332,13 +332,13 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
             joint.kind in ("universal", "spherical"),  # which saves several joints of the tree
         )
 
-    # Kruskal's algorithm: a joint enters the tree if it joins two groups of links. Joints with weak reasons
-    # to cut come first
-    groups = {link: {link} for joint in joints for link in joint.links}
+    # Kruskal's algorithm: a joint enters the tree if it joins two groups of connected links. Joints with weak
+    # reasons to cut come first: False sorts before True.
+    groups = {link: {link} for joint in joints for link in joint.links}  # of each link
     chosen = set()
     for joint in sorted(joints, key=reasons_to_cut):
         first, second = (groups[link] for link in joint.links)
-        if first is not second:
+        if first is not second:  # the joint closes no loop: merge the groups
             first |= second
             groups |= dict.fromkeys(second, first)
             chosen.add(joint.name)
@@ -351,7 +351,7 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
     `tree_names` are the names of the joints in the tree.
     """
     root = Element("robot", name=name)
-    ends = {link for joint in joints for link in joint.links}
+    ends = {link for joint in joints for link in joint.links}  # links of the main part
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in ends]
     taken = {*links, WORLD}
@@ -364,7 +364,7 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
         for joint in tree_joints:
             if link not in joint.links:
                 continue
-            motions, outer, end = joint.chain_from(link)
+            motions, outer, end = joint.chain_from(link)  # joints, link behind them, its placement there
             if outer not in reached:
                 root.extend(chain_elements(link, motions, outer, end, taken))
                 reached.append(outer)

@@ -225,7 +225,11 @@ def read_urdf(
 ) -> ParsedRobot:
     """Read the robot in a URDF with loops.
 
-    `beside` is the content of a loop_closures.yaml, by default of the one near the file.
+    Args:
+        file: of the URDF.
+        root: of its XML, which is changed.
+        options: complete and override the file.
+        beside: content of a loop_closures.yaml, by default of the one near the file.
 
     Raises:
         RobotFileError: the file is malformed or has no loop; the message names the element.
