@@ -111,7 +111,8 @@ def largest_load_of(
         progress: called before each plan with its number, 1, 2, ...
 
     Raises:
-        InvalidInput, NoAnswer: as `largest_load`.
+        InvalidInput: there are no wrenches, or no limits of torque or speed.
+        NoAnswer: there is no plan even without the wrenches.
     """
     if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")

@@ -305,14 +305,16 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     if control is not None:
         error_matrices = error_matrices.with_control(control, motor_speed)
 
-    robot, reference = rigid.robot, highest.torques(times)  # (T, n_a)
-    peaks = largest_by_unit(robot, np.abs(reference).max(axis=0))  # (n_a,) of all motors of the same unit
+    robot = rigid.robot
+    highest_torque = highest.torques(times)  # (T, n_a), the reference
+    # (n_a,) for each motor the peak of all motors of the same unit
+    peaks = largest_by_unit(robot, np.abs(highest_torque).max(axis=0))
     # (n,) displacement of each platform coordinate that is as long as the path
     path_scale = robot.platform_scale * (path_length(robot, rigid.path) / robot.length)
 
     def estimate(level: InverseDynamics) -> LevelError:
         """Estimate the errors of the motion with a level's torques."""
-        missing_torque = reference - level.torques(times)
+        missing_torque = highest_torque - level.torques(times)
         missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing_torque)  # G' (missing torque)
         displacement = open_loop_error(error_matrices, times, missing_wrench)
         displacement += highest.platform(times) - level.platform(times)

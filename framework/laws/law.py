@@ -331,9 +331,9 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     targets[:, len(end_orders)] = 1.0  # s at the end
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
-    rows, sizes = _scaled_rows(x, orders)
+    rows, row_sizes = _scaled_rows(x, orders)
     is_regular = np.linalg.det(rows) != 0.0  # (m,)
-    right_sides = (targets / sizes)[is_regular]
+    right_sides = (targets / row_sizes)[is_regular]
     return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 
 
@@ -362,13 +362,13 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
         InvalidInput: the rows are linearly dependent.
     """
     x, orders = zip(*conditions, strict=True)
-    rows, sizes = _scaled_rows(np.array(x), orders)
+    rows, row_sizes = _scaled_rows(np.array(x), orders)
     U, S, V_rows = np.linalg.svd(rows)  # S descends
     if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, (V_rows.T / S) @ U.T, sizes
+    return rows, (V_rows.T / S) @ U.T, row_sizes
 
 
 def _scaled_rows(x: Array, orders: Iterable[int]) -> tuple[Array, Array]:
@@ -381,9 +381,9 @@ def _scaled_rows(x: Array, orders: Iterable[int]) -> tuple[Array, Array]:
     polynomials = chebyshev.chebvander(x, count - 1)  # (..., k, k) T_j(x_i)
     derivatives = np.array([derivative_matrix(count, order) for order in orders])  # (k, k, k)
     rows = np.einsum("...ij,ijk->...ik", polynomials, derivatives)
-    sizes = np.abs(rows).max(axis=-1)
-    sizes[sizes == 0.0] = 1.0  # a zero row stays, and makes the rows dependent
-    return rows / sizes[..., None], sizes
+    row_sizes = np.abs(rows).max(axis=-1)
+    row_sizes[row_sizes == 0.0] = 1.0  # a zero row stays, and makes the rows dependent
+    return rows / row_sizes[..., None], row_sizes
 
 
 @lru_cache(maxsize=64)

@@ -90,14 +90,14 @@ class PointPath(ReadOnlyArrays):
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or a derivative in s; s of any shape (...) gives (..., n)."""
+        """Compute x(s) or its derivative of an `order` in s; s of any shape (...) gives (..., n)."""
         check_order(order)
         s_values = np.asarray(s, dtype=float)
         values = self._evaluate(s_values.reshape(-1), order)
         return values.reshape(*s_values.shape, values.shape[1])
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative (T, n) at s (T,)."""
+        """Compute x(s) or its derivative of an `order` (T, n) at s (T,)."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
@@ -132,7 +132,7 @@ class Line(PointPath):
         self._store(start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative in s, (T, n)."""
+        """Compute x(s) or its derivative of an `order` in s, (T, n)."""
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
@@ -192,7 +192,10 @@ class Arc(PointPath):
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute c + r (cos(a s) u + sin(a s) w), or a derivative in s, (T, n)."""
+        """Compute c + r (cos(a s) u + sin(a s) w) or a derivative in s, (T, n).
+
+        c is the centre, r the radius and a the angle [rad] of the arc; u and w span its plane.
+        """
         u, w = self._spokes
         phase = s[:, None] * self.angle + order * np.pi / 2  # each derivative advances the phase by pi/2
         values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
@@ -260,7 +263,7 @@ class Spline(PointPath):
         return make_interp_spline(self._shares, self.points, k=degree, t=knots)
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Evaluate the spline or a derivative (T, n)."""
+        """Evaluate the spline or its derivative of an `order` in s, (T, n)."""
         if order > self._spline.k:  # scipy refuses orders above the degree; these derivatives are zero
             return np.zeros((len(s), self.n))
         return self._spline(s, nu=order)
@@ -330,7 +333,7 @@ class Polyline(PointPath):
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative in s, (T, n).
+        """Compute x(s) or its derivative of an `order` in s, (T, n).
 
         Near a corner c, x = c + b ((w - f(w)) d_1 + f(w) d_2). The segments before and after c have the
         directions d_1 and d_2, b is `blend`, and w b is the distance from c along the segments. The blend f

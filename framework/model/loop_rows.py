@@ -69,7 +69,7 @@ class LoopRows(ReadOnlyArrays):
     constant: Array  # (m,)
     coupled: BoolArray  # (m,) whether the row is a coupling
     columns: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the velocity vector
-    places: IntArray  # (m, 2) the same joints, as indices into the configuration vector
+    places: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the configuration vector
     ratio: Array  # (m,)
     offset: Array  # (m,) [rad or m]
 
@@ -148,7 +148,7 @@ class LoopRows(ReadOnlyArrays):
         return jacobian
 
     def take(self, rows: IntArray) -> LoopRows:
-        """Return the table of the rows at indices (k,)."""
+        """Return the table of the `rows` at indices (k,)."""
         names, *columns = (getattr(self, field.name) for field in fields(self))
         return LoopRows(tuple(names[i] for i in rows), *(column[rows] for column in columns))
 

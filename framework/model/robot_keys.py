@@ -314,7 +314,7 @@ class RobotReader:
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
     def scenes(self, where: str, given: Any) -> dict[str, Scene]:
-        """Read scenes, named motions with their paths and options, by name.
+        """Read scenes, which are motions with a path and options, by name.
 
         Args:
             where: place of the scenes in the file, for messages.

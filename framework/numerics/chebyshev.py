@@ -58,12 +58,12 @@ def tail(series: Array) -> float:
     The tail is the largest absolute value among the last eighth, divided by the largest of all. It is 0 for a
     series of zeros, and infinite for a series that is not finite.
     """
-    sizes = np.abs(series)
-    largest = float(sizes.max(initial=0.0))
+    magnitudes = np.abs(series)
+    largest = float(magnitudes.max(initial=0.0))
     if not np.isfinite(largest):
         return np.inf
     count = max(2, series.shape[-2] // 8)  # at least 2: every other coefficient of an even function is 0
-    return float(sizes[..., -count:, :].max()) / largest if largest > 0 else 0.0
+    return float(magnitudes[..., -count:, :].max()) / largest if largest > 0 else 0.0
 
 
 def evaluate(x: Array, series: Array) -> Array:
@@ -257,6 +257,6 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     bounds = np.abs(series).sum(axis=1)  # (panels, k)
     for panel, component in np.argwhere(bounds > peaks):
         one_series = series[panel, :, component]
-        sizes = np.abs(evaluate(extrema(one_series), one_series))
-        peaks[component] = sizes.max(initial=peaks[component])
+        extreme_values = np.abs(evaluate(extrema(one_series), one_series))
+        peaks[component] = extreme_values.max(initial=peaks[component])
     return peaks

@@ -73,7 +73,8 @@ def singular_values(matrices: NDArray[Any]) -> Array:
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular.
 
-    The solution of least squares is the shortest of those with the least residual.
+    A single matrix that is singular to the last bit makes `np.linalg.solve` fail for the whole stack. The
+    solution of least squares is the shortest of those with the least residual.
     """
     try:
         return np.linalg.solve(matrices, right)
@@ -107,6 +108,6 @@ def split_row_space(
     """
     _, values, V_rows = np.linalg.svd(matrix)
     lower, upper = scale
-    reference = min(values.max(initial=lower), upper)
-    rank = min(np.count_nonzero(values > level * reference), len(V_rows) - at_least)
+    largest = min(values.max(initial=lower), upper)
+    rank = min(np.count_nonzero(values > level * largest), len(V_rows) - at_least)
     return V_rows[:rank], V_rows[rank:]

@@ -168,7 +168,7 @@ class StepEquations:
         """
         accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(self.start.q).max())
         matrix = None  # factorised before the first step, and again where steps shrink too slowly
-        last_size = np.inf
+        last_newton_step = np.inf
         offset_rate = np.zeros_like(a)
         for iteration in range(1, MAX_ITERATIONS + 1):
             balance = self._balance(a, multipliers, offset_rate)
@@ -180,24 +180,25 @@ class StepEquations:
                 matrix = self._newton_matrix(balance.tangent, multipliers)
 
             q_change, a_change, multiplier_change = matrix.solve(balance.force, residual)
-            size = float(np.abs(q_change / self.equations.robot.column_scale).max())  # [rad, robot lengths]
+            # the largest change of a coordinate [rad, robot lengths]
+            newton_step = float(np.abs(q_change / self.equations.robot.column_scale).max())
             a = a + a_change
             multipliers = multipliers + multiplier_change
 
             # the error that this step leaves: at most its own size while the convergence is not yet known
-            rate = size / last_size if last_size > 0 else 0.0
-            error = size
+            rate = newton_step / last_newton_step if last_newton_step > 0 else 0.0
+            error = newton_step
             if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
-                error = size * rate / (1 - rate)
+                error = newton_step * rate / (1 - rate)
             if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
 
             # steps that double in size diverge, unless they are rounding; the first two may still grow
-            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:
+            if iteration > 2 and rate > 2.0 and newton_step > NEWTON_STEP:
                 raise StepFailed("Newton diverges")
             if rate > REFACTORING_RATE:
                 matrix = None
-            last_size = size
+            last_newton_step = newton_step
         raise StepFailed("Newton does not converge")
 
     @cached_property

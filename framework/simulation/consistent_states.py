@@ -118,7 +118,7 @@ def consistent_state(
     """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
     In a consistent state the loops are closed, and massless parts are in balance under the motor torques
-    `torque` (n_a,) [N m] and the external wrenches of `world` at t = 0.
+    `torque` (n_a,) [N m], motor side, and the external wrenches of `world` at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.

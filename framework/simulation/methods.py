@@ -163,7 +163,7 @@ class FixedStep(NamedTuple):
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,) under the torque in their middle.
+    """Yield steps of `Stepper` between the instants `edges` (K + 1,) under the torque in their middle.
 
     A feedback torque responds to the state at the beginning of a step, as a digital controller does. External
     wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
@@ -376,6 +376,7 @@ def explicit_steps(
 
     Args:
         dynamics: the robot, which computes accelerations.
+        drive: motor torques and external wrenches.
         start: the state at the first of the instants.
     """
     from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need

@@ -213,8 +213,8 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
     redundant = robot.structure.dropped  # indices of the rows
     largest_independent = gaps[:, robot.structure.independent].max(initial=0.0)
-    # A redundant row is a combination of independent ones, so their gaps may add up in it; the factor 10 leaves
-    # a margin for that. Frames that are rounded in the robot file open it, too.
+    # A redundant row is a combination of independent ones, so their gaps may add up in it: the factor 10 is a
+    # margin for that. Frames that are rounded in the robot file open it, too.
     allowed = FILE_ROUNDING * robot.row_lengths[redundant] + 10 * largest_independent
     is_torn = gaps[:, redundant] > allowed  # (T, redundant rows)
     if is_torn.any():
@@ -392,6 +392,8 @@ def _consistent_start(
     Without both it is the assembled reference at rest.
 
     Args:
+        drive: motor torques and external wrenches, which massless parts balance.
+        planned: the planned motion, or None.
         start, start_velocity: q (nq,) and v (nv,) of the caller, or None.
     """
     robot = equations.robot

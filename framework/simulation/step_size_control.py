@@ -54,6 +54,7 @@ def collocate(
     `CollocationStep.unresolved` reports.
 
     Args:
+        drive: motor torques, whose breaks are ends of steps, and external wrenches.
         stages: number of nodes of a step.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         longest: largest length of a step [s], except to bridge a singularity.
@@ -130,6 +131,8 @@ def _try_step(
     """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
+        equations: of the step.
+        previous: the previous step; None after a break of the torque.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         leniency: factor on this part for a bridging step.
 

@@ -198,7 +198,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
 
 
 def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
-    """Return the two links of a joint, the parent first; refuse types that are not known."""
+    """Return the two links of the joint `name`, the parent first; refuse types that are not known."""
     joint = scope.joints[name]
     where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
@@ -211,10 +211,15 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Make a joint with its motions and its placement in each link; `links` are the parent and the child."""
+    """Make the joint `name` with its motions and its placement in each link.
+
+    `links` are the parent and the child.
+    """
     element = scope.joints[name]
     kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
-    on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
+    # placements of the joint in the world, as the child and the parent carry it; they differ where the parent
+    # end is a frame of its own
+    on_child = scope.placement_of(f"joint {name}")
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
@@ -298,7 +303,10 @@ def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 
 
 def _joints_of_main_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the largest connected part with a loop, else of the largest part."""
+    """Return the joints of the largest connected part with a loop, else of the largest part.
+
+    Sizes are numbers of joints. Links that no joint connects with this part, such as scenery, are left out.
+    """
     ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")

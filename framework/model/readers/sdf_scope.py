@@ -147,7 +147,7 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
     model_frame = f"{scoped}::{MODEL}"
-    is_first = base == WORLD and not prefix and not scope.links
+    is_first = base == WORLD and not prefix and not scope.links  # in the world, without a link before it
     inner = "" if is_first else f"{scoped}::"  # prefix of the model's content
     relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
     scope.relative[model_frame] = (relative_to, pose)
@@ -198,7 +198,7 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
 
 
 def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None:
-    """Add a link, frame or joint to the scope.
+    """Add a link, frame or joint to the scope, with its pose and, unless a link, the frame that carries it.
 
     Args:
         prefix: of scoped names in the model of the element.
