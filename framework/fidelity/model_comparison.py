@@ -127,7 +127,7 @@ class ReferenceMotion:
 
     @property
     def max_error(self) -> float:
-        """The platform error divided by the path's length at which the platform counts as lost."""
+        """The platform error, as a share of the path's length, at which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:

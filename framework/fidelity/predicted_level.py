@@ -265,10 +265,14 @@ class Indicators(NamedTuple):
 
     @staticmethod
     def of(errors: Mapping[str, LevelError]) -> Indicators:
-        """Return indicators in which no level's error is less than that of a level above.
+        """Return indicators with errors that do not grow from any level to the next higher one.
 
-        In a single level errors may cancel by chance. A missing error and NaN count as infinite. The error of
-        the highest level is zero.
+        A level's error is the largest of its own and those of the levels above, because in a single level
+        errors may cancel by chance. A missing error and NaN count as infinite. The error of the highest level
+        is zero.
+
+        Args:
+            errors: estimated errors by name of the level.
         """
         largest = 0.0  # error of the levels above
         error, words = {LEVELS[-1].name: largest}, {LEVELS[-1].name: ""}

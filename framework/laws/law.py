@@ -169,7 +169,10 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return conditions that set s and its derivatives to `values` (k, m) [1/s^order] at times (k,) [s]."""
+    """Return conditions that set s and its derivatives at times (k,) [s] to `values` (k, m) [1/s^order].
+
+    Column j of the values is the derivative of order j.
+    """
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)

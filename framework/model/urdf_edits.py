@@ -25,7 +25,7 @@ from framework.model.documents import child_element, read_axis, remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
-    ENTRIES,
+    INERTIA_ENTRIES,
     MOVING,
     Joint,
     add_endless_limit,
@@ -39,7 +39,7 @@ ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 _JOINT_PARTS = ("parent", "child", "origin")
 _MOVING_JOINT_PARTS = (*_JOINT_PARTS, "axis", "limit")
 # the attributes of these children, and of those of `<inertial>`, that hold numbers
-_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *ENTRIES}
+_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *INERTIA_ENTRIES}
 
 
 def vector_text(values: Iterable[float]) -> str:

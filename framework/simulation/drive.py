@@ -135,9 +135,9 @@ class PlannedMotion(Protocol):
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """Return the planned motion that `source` holds or is; None without one.
+    """Return the planned motion in a `source`; None without one.
 
-    A plan holds its motion as `dynamics`.
+    The source is a plan, which has its motion as `dynamics`, or a planned motion itself.
     """
     for candidate in (getattr(source, "dynamics", None), source):
         if isinstance(candidate, PlannedMotion):
@@ -183,8 +183,8 @@ class Drive:
         A break is the end of a step, so the torque before the break applies there.
         """
         for instant in self.breaks:
-            # The end of a step is computed as time + length, which misses the break by up to 4 units in the
-            # last place. 8 units before the break are surely before it, too, after rounding.
+            # The end of a step, computed as time + length, misses the break by up to 4 units in the last place.
+            # Such a time moves to 8 units before the break, which rounding does not move beyond it.
             unit = np.spacing(instant)
             is_break = np.abs(t - instant) <= 4 * unit
             t = np.where(is_break, instant - 8 * unit, t)

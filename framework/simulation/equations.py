@@ -51,7 +51,7 @@ def stack_states(states: Sequence[State]) -> State:
 
 
 class Tangent(NamedTuple):
-    """The left side of the equations at T states with its derivatives, and the m loop equations."""
+    """The equations linearised at T states: left side with derivatives, and the m loop equations."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v [N m, N]
     by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q

@@ -407,6 +407,7 @@ def explicit_steps(
             q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]), 2)
             force = force_at(k, i, q, v)
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
+            # the weights B have the sum 1, so this is the mean power over the step
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
         # of q, by the embedded method of order 5, which gives the slope at the end of the step no weight

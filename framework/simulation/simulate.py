@@ -110,7 +110,7 @@ class Simulation(ReadOnlyArrays):
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
             **select_fields(self, "method", "duration", *errors),
-            # an estimate that overflows is null, as JSON has no infinity
+            # null if the estimate has overflowed, as JSON has no infinity
             "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
             "steps": self.steps,
             "events": [{"name": event.name, "time": event.time} for event in self.occurrences],

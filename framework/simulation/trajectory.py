@@ -112,7 +112,7 @@ class Event:
 
     function: Callable[[float, Array, Array], float]
     name: str = "event"
-    terminal: bool = False
+    terminal: bool = False  # whether a zero ends the simulation
     direction: int = 0
 
 

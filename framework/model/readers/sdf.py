@@ -37,8 +37,8 @@ from framework.model.documents import (
 from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf_scope import (
-    MODEL,
-    TRUE,
+    MODEL_FRAME,
+    TRUE_TEXTS,
     WORLD,
     Scope,
     add_models,
@@ -77,7 +77,7 @@ _UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "p
 # properties that joints of the tree can have, and closures cannot
 _TREE_PROPERTIES = ("dynamics", "limit", "mimic")
 _DYNAMICS_TAGS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
-# texts of the children of <inertial> that SDF takes by default, moments in the order of ENTRIES
+# texts of the children of <inertial> that SDF takes by default, moments in the order of INERTIA_ENTRIES
 _DEFAULT_INERTIA = {
     "mass": "1",
     "inertia/ixx": "1",
@@ -263,10 +263,10 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     axis = parse_axis(where, joint.findtext(f"{tag}/xyz", "0 0 1"))
     xyz = joint.find(f"{tag}/xyz")
     expressed_in = None if xyz is None else xyz.get("expressed_in")
-    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE
+    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE_TEXTS
     if not expressed_in and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
-    frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL)
+    frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL_FRAME)
     to_world = scope.placement_of(frame)[:3, :3]
     from_joint = scope.placement_of(f"joint {name}")[:3, :3]
     return from_joint.T @ to_world @ axis

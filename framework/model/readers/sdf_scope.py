@@ -30,8 +30,8 @@ from framework.model.urdf_elements import local_name
 from framework.numerics.arrays import Array
 from framework.numerics.input import read_text
 
-WORLD, MODEL = "world", "__model__"  # SDF's names of the world's frame and of a model's own frame
-TRUE = ("true", "1")  # texts of true
+WORLD, MODEL_FRAME = "world", "__model__"  # SDF's names of the world's frame and of a model's own frame
+TRUE_TEXTS = ("true", "1")  # texts of true
 BALL_CONSTRAINT = "ball_constraint"
 _CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
 
@@ -42,7 +42,7 @@ class Scope:
 
     version: float  # of SDF
     # of each frame the frame to which its pose is relative, and the pose as a placement (4, 4)
-    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
+    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL_FRAME: (WORLD, np.eye(4))})
     attached: dict[str, str] = field(default_factory=dict)  # the link or frame that carries each frame
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)  # the attribute `scope` is the model's prefix
@@ -129,7 +129,7 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
         if poses := include.findall("pose"):
             remove_children(model, "pose")
             model.extend(poses)
-        add = add_content if include.get("merge") in TRUE else _add_model
+        add = add_content if include.get("merge") in TRUE_TEXTS else _add_model
         add(scope, model, file.parent, prefix, base)
 
 
@@ -146,13 +146,13 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
     """
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
-    model_frame = f"{scoped}::{MODEL}"
+    model_frame = f"{scoped}::{MODEL_FRAME}"
     is_first = base == WORLD and not prefix and not scope.links  # in the world, without a link before it
     inner = "" if is_first else f"{scoped}::"  # prefix of the model's content
     relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
     scope.relative[model_frame] = (relative_to, pose)
     if is_first:  # its frame has the name without a prefix, too
-        scope.relative[MODEL] = (model_frame, np.eye(4))
+        scope.relative[MODEL_FRAME] = (model_frame, np.eye(4))
     add_content(scope, model, folder, inner, model_frame)
 
     # the canonical link, by default the first, carries the frame of the model under all names of this frame
@@ -160,7 +160,7 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
     if links:
         canonical = model.get("canonical_link")
         link = f"{inner}{canonical}" if canonical else links[0]
-        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL}", scoped), link)
+        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL_FRAME}", scoped), link)
         scope.relative.setdefault(scoped, (model_frame, np.eye(4)))
 
     # with a placement frame the pose is that of this frame; the model's own follows from it
@@ -198,7 +198,7 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
 
 
 def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None:
-    """Add a link, frame or joint to the scope, with its pose and, unless a link, the frame that carries it.
+    """Add a link, frame or joint to the scope, with pose and carrier.
 
     Args:
         prefix: of scoped names in the model of the element.
@@ -285,5 +285,5 @@ def read_placement(pose: Element | None, where: str) -> Array:
     if has_quaternion:
         x, y, z, w = orientation
         return placement(from_quaternion(w, x, y, z), position)
-    in_degrees = pose.get("degrees") in TRUE
+    in_degrees = pose.get("degrees") in TRUE_TEXTS
     return placement(from_rpy(np.radians(orientation) if in_degrees else orientation), position)
