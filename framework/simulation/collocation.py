@@ -185,7 +185,7 @@ class StepEquations:
             a = a + a_change
             multipliers = multipliers + multiplier_change
 
-            # the error that this step leaves: at most its own size while the convergence is not yet known
+            # the error that is left: at most the size of the step while the convergence is not yet known
             rate = newton_step / last_newton_step if last_newton_step > 0 else 0.0
             error = newton_step
             if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
