@@ -183,7 +183,7 @@ class Drive:
         A break is the end of a step, so the torque before the break applies there.
         """
         for instant in self.breaks:
-            # The end of a step, computed as time + length, may miss the break by a few units in the last place.
+            # The end of a step, time + length, may miss the break by a few units in the last place.
             # Such a time moves to 8 units before the break: rounding does not carry it beyond again.
             unit = np.spacing(instant)
             is_break = np.abs(t - instant) <= 4 * unit
