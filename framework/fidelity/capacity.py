@@ -111,7 +111,8 @@ def largest_load_of(
         progress: called before each plan with its number, 1, 2, ...
 
     Raises:
-        InvalidInput, NoAnswer: as `largest_load`.
+        InvalidInput: there are no wrenches, or no limits of torque or speed.
+        NoAnswer: there is no plan even without the wrenches.
     """
     if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
@@ -172,18 +173,19 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
-    From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket is
-    bisected at geometric means. A capacity's `end` is the least multiple tried so far that has no plan.
+    From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket from
+    the largest multiple with a plan, `multiple`, to the least one without, `end`, is bisected at geometric
+    means.
 
     Args:
-        capacity: the multiple 0 with its plan.
+        capacity: that of the multiple 0, with its plan.
     """
     multiple = 1.0
     while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
         capacity = task.try_multiple(capacity, multiple)
-        if capacity.end == np.inf:
+        if capacity.end == np.inf:  # all multiples so far have plans
             multiple = 2.0 * capacity.multiple
-        elif capacity.multiple == 0.0:
+        elif capacity.multiple == 0.0:  # none has
             multiple = 0.5 * capacity.end
         elif (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
             multiple = float(np.sqrt(capacity.multiple * capacity.end))

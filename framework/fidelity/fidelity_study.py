@@ -105,7 +105,7 @@ class FidelityStudy(ReadOnlyArrays):
         """
         if self.enough is None:
             return ()
-        above = self.levels[self.levels.index(self.enough) :]
+        above = self.levels[self.levels.index(self.enough) :]  # and the level itself, which is enough
         return tuple(comparison.level.name for comparison in above if not self.is_enough(comparison))
 
     @cached_property
@@ -125,7 +125,7 @@ class FidelityStudy(ReadOnlyArrays):
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return the s of the largest of a level's errors (T,); None if all errors are rounding."""
+        """Return the s at which a level's errors (T,) are largest; None if all are rounding."""
         errors_or_zero = np.nan_to_num(errors)  # NaN without a motion, and after the end of a simulation
         if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
@@ -148,8 +148,9 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        reference = [level for level in self.levels if level.motion is not None][-1]  # the most detailed
-        failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
+        most_detailed = [level for level in self.levels if level.motion is not None][-1]
+        deviation = f"leave the path by {100 * most_detailed.platform:.2g} % of its length"
+        failure = most_detailed.reason or deviation
         cause = (
             "each motor has a controller, which sees its own angle and not the platform"
             if self.has_control
@@ -157,7 +158,7 @@ class FidelityStudy(ReadOnlyArrays):
         )
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
-            f"simulation even the torques of the most detailed one, {reference.level.name}, {failure}; "
+            f"simulation even the torques of the most detailed one, {most_detailed.level.name}, {failure}; "
             f"{cause}"
         )
 
@@ -189,7 +190,7 @@ class FidelityStudy(ReadOnlyArrays):
         )
 
     def _entry(self, comparison: Comparison) -> Document:
-        """Return the entry of one level in `to_dict`."""
+        """Return the entry of a compared level in the document of `to_dict`."""
         name, spring = comparison.level.name, comparison.deflection
         return {
             "level": name,

@@ -127,7 +127,7 @@ class ReferenceMotion:
 
     @property
     def max_error(self) -> float:
-        """The platform error divided by the path's length at which the platform counts as lost."""
+        """The platform error, as a share of the path's length, at which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
@@ -248,7 +248,7 @@ class ReferenceMotion:
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Return the distances (T,) of the platform at q (T, nq) from the pose x (T, n), in path lengths."""
+        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
         return np.linalg.norm(offset * robot.length, axis=1) / self.length

@@ -78,8 +78,9 @@ class ChosenLevel(NamedTuple):
     def sentence(self) -> str:
         """The level, the allowed error in per cent, and the evidence, in a sentence.
 
-        The scene of a robot file states ("keeps") a level that was found by simulation. No error is known for
-        the highest ("fullest") level, which is chosen where the errors of all others exceed the tolerance.
+        In the text, a scene "keeps" the level that its robot file states, which was found by simulation. The
+        highest level is called "the fullest". It is chosen where the errors of all others exceed the
+        tolerance, and its own error is not known.
         """
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
@@ -264,12 +265,16 @@ class Indicators(NamedTuple):
 
     @staticmethod
     def of(errors: Mapping[str, LevelError]) -> Indicators:
-        """Return indicators in which no level's error is less than that of a level above.
+        """Return indicators with errors that do not grow from any level to the next higher one.
 
-        In a single level errors may cancel by chance. A missing error and NaN count as infinite. The error of
-        the highest level is zero.
+        A level's error is the largest of its own and those of the levels above, because in a single level
+        errors may cancel by chance. A missing error and NaN count as infinite. The error of the highest level
+        is zero.
+
+        Args:
+            errors: estimated errors by name of the level.
         """
-        largest = 0.0
+        largest = 0.0  # error of the levels above
         error, words = {LEVELS[-1].name: largest}, {LEVELS[-1].name: ""}
         for level in reversed(LEVELS[:-1]):
             own = errors.get(level.name, LevelError())
@@ -304,14 +309,16 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     if control is not None:
         error_matrices = error_matrices.with_control(control, motor_speed)
 
-    robot, reference = rigid.robot, highest.torques(times)
-    peaks = largest_by_unit(robot, np.abs(reference).max(axis=0))
+    robot = rigid.robot
+    highest_torque = highest.torques(times)  # (T, n_a), the reference
+    # (n_a,) for each motor the peak of all motors of the same unit
+    peaks = largest_by_unit(robot, np.abs(highest_torque).max(axis=0))
     # (n,) displacement of each platform coordinate that is as long as the path
     path_scale = robot.platform_scale * (path_length(robot, rigid.path) / robot.length)
 
     def estimate(level: InverseDynamics) -> LevelError:
         """Estimate the errors of the motion with a level's torques."""
-        missing_torque = reference - level.torques(times)
+        missing_torque = highest_torque - level.torques(times)
         missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing_torque)  # G' (missing torque)
         displacement = open_loop_error(error_matrices, times, missing_wrench)
         displacement += highest.platform(times) - level.platform(times)
@@ -333,7 +340,8 @@ def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDy
     They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
     """
     instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
-    matrices = error_dynamics(rigid, instants)  # three stacks (GROWTH_INSTANTS, n, n)
+    # stacks (GROWTH_INSTANTS, n, n) of the three matrices; axis 1 of their array is time
+    matrices = error_dynamics(rigid, instants)
     return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
 
 

@@ -134,21 +134,26 @@ def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]
 
 
 def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[Array]:
-    """Compute the derivatives of f(g(t)) by t, from order 0 to the order n of the last arguments.
+    """Compute the derivatives of f(g(t)) by t, of orders 0 .. n.
 
-    By Leibniz's rule on the derivative f^(k + 1)(g) g' of f^(k)(g), the derivative of order m of f^(k)(g) is
-    the sum over i < m of binom(m - 1, i) g^(m - i) times the derivative of order i of f^(k + 1)(g).
+    Let F_k(t) = f^(k)(g(t)). By the chain rule F_k' = F_(k+1) g'. By Leibniz's rule for this product, the
+    derivative of order m of F_k is the sum over i < m of
+
+        binom(m - 1, i) F_(k+1)^(i) g^(m-i).
 
     Args:
         outer: f and its derivatives by its argument, at g(t), of orders 0 .. n.
         inner: derivatives of g by t, of orders 1 .. n.
+
+    Returns:
+        n + 1 arrays, with the shape of the arguments broadcast.
     """
 
     def differentiate(k: int, m: int) -> Array:
-        """Compute the derivative of order m of f^(k)(g(t)) by t."""
+        """Compute the derivative of order m of F_k by t."""
         if m == 0:
             return outer[k]
-        # inner[j - 1] is the derivative of g of order j
+        # inner[j - 1] is g^(j)
         terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
         return np.sum(terms, axis=0)
 
@@ -164,7 +169,10 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return conditions that set s and its derivatives to `values` (k, m) [1/s^order] at times (k,) [s]."""
+    """Return conditions that set s and its derivatives at times (k,) [s] to `values` (k, m) [1/s^order].
+
+    Column j of the values is the derivative of order j.
+    """
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)
@@ -227,7 +235,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
         values = np.array([value for *_, value in conditions], np.longdouble)
         right_side = values / scale**orders / row_sizes
 
-        # rows of high order are ill-conditioned: refine the solution twice, with residuals in long double
+        # Rows of high order are ill-conditioned. Two refinements with residuals in long double recover the
+        # digits that the inverse loses.
         solution = inverse @ right_side
         for _ in range(2):
             solution += inverse @ (right_side - rows @ solution)
@@ -267,7 +276,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
         both ends has the factor (1 - x^2)^smoothness. This factor is divided out because rounding would
         decide the sign of s' near the ends.
         """
-        p = _divide_out_ends(self.degree, smoothness) @ self.coefficients
+        p = _divide_out_ends(self.degree, smoothness) @ self.coefficients  # Chebyshev series
         mean = np.mean(np.abs(_interior_values(len(p)) @ p))
         return least_value(p[None]) / float(mean)
 
@@ -275,10 +284,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
 def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
     """Estimate the least p over the mean |p| (m,), and the peak of |s"| (m,) [1/s^2], of m laws.
 
-    The laws are those of `rest_to_rest`, and the first estimate is `Law.advance`.
-
-    The estimates are taken at samples, which is fast enough for a search among many laws. As in
-    `Law.from_conditions`, the Chebyshev coefficients of a law solve one linear equation per condition.
+    The laws go from rest to rest, as `Law.rest_to_rest`, with ds/dx = (1 - x^2)^smoothness p(x) in the
+    normalised time x. The estimates are taken at samples, which is fast enough for a search among many laws.
 
     Args:
         duration: of all laws [s].
@@ -289,11 +296,11 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     Returns:
         Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
-    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
+    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)  # of r laws; (m,)
     to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
     p = coefficients @ to_p.T
     mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
-    p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # by the normalised time
+    p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # p and d2s/dx2, (r, N) each
     advances = np.full(len(times), -np.inf)
     peaks = np.full(len(times), np.inf)
     advances[is_regular] = p_samples.min(axis=1) / mean
@@ -304,10 +311,16 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
     """Solve for the Chebyshev coefficients (r, c) of the r laws whose c conditions are independent.
 
-    The arguments are those of `advances_and_peaks`.
+    A law is at rest at both ends, from s = 0 to s = 1, and meets the conditions of its instants.
+
+    Args:
+        duration: of all m laws [s].
+        smoothness: number of derivatives of s that vanish at both ends.
+        times: inner instants (m, k) [s].
+        values: s, s' and s" (m, k, 3) at these instants [1/s^order].
 
     Returns:
-        The coefficients, and a mask (m,) of the laws to which they belong.
+        The coefficients; a mask (m,) of the laws to which they belong.
     """
     count, instants = times.shape
     scale = 2.0 / duration  # dx/dt of the normalised time x
@@ -321,9 +334,9 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     targets[:, len(end_orders)] = 1.0  # s at the end
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
-    rows, sizes = _scaled_rows(x, orders)
+    rows, row_sizes = _scaled_rows(x, orders)
     is_regular = np.linalg.det(rows) != 0.0  # (m,)
-    right_sides = (targets / sizes)[is_regular]
+    right_sides = (targets / row_sizes)[is_regular]
     return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 
 
@@ -352,13 +365,13 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
         InvalidInput: the rows are linearly dependent.
     """
     x, orders = zip(*conditions, strict=True)
-    rows, sizes = _scaled_rows(np.array(x), orders)
+    rows, row_sizes = _scaled_rows(np.array(x), orders)
     U, S, V_rows = np.linalg.svd(rows)  # S descends
     if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, (V_rows.T / S) @ U.T, sizes
+    return rows, (V_rows.T / S) @ U.T, row_sizes
 
 
 def _scaled_rows(x: Array, orders: Iterable[int]) -> tuple[Array, Array]:
@@ -371,9 +384,9 @@ def _scaled_rows(x: Array, orders: Iterable[int]) -> tuple[Array, Array]:
     polynomials = chebyshev.chebvander(x, count - 1)  # (..., k, k) T_j(x_i)
     derivatives = np.array([derivative_matrix(count, order) for order in orders])  # (k, k, k)
     rows = np.einsum("...ij,ijk->...ik", polynomials, derivatives)
-    sizes = np.abs(rows).max(axis=-1)
-    sizes[sizes == 0.0] = 1.0  # a zero row stays, and makes the rows dependent
-    return rows / sizes[..., None], sizes
+    row_sizes = np.abs(rows).max(axis=-1)
+    row_sizes[row_sizes == 0.0] = 1.0  # a zero row stays, and makes the rows dependent
+    return rows / row_sizes[..., None], row_sizes
 
 
 @lru_cache(maxsize=64)

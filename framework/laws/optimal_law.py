@@ -50,7 +50,7 @@ DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given 
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^smoothness.
+    """phi(sigma) from 0 to 1 on [0, 1], with phi' proportional to (sigma (1 - sigma))^smoothness.
 
     phi is the regularised incomplete beta function with both parameters equal to smoothness + 1.
     `Smoothstep(0)` is the identity, s = sigma.
@@ -164,7 +164,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         slowness = slowness_on_panels(self.basis.cells, self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
-        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths  # 0 at the start
+        # time in each panel, (panels, PANEL_NODES + 1, 1): the integral of the slowness, 0 at the start
+        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths
         panel_durations = series.sum(axis=1)[:, 0]  # values at the end, where all T_k are 1
         instants = np.concatenate(([0.0], np.cumsum(panel_durations)))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
@@ -175,9 +176,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate z(xi(sigma)) [1/s^2] or its derivative by sigma up to order 3, with the shape of sigma."""
-        xi, *xi_slopes = (self.stretch(sigma, k) for k in range(order + 1))
-        by_xi = [evaluate_on_cells(self.basis.cells, self.series, xi, k) for k in range(order + 1)]
-        return compose_derivatives(by_xi, xi_slopes)[order]
+        xi, *xi_derivatives = (self.stretch(sigma, k) for k in range(order + 1))  # by sigma
+        z_by_xi = [evaluate_on_cells(self.basis.cells, self.series, xi, k) for k in range(order + 1)]
+        return compose_derivatives(z_by_xi, xi_derivatives)[order]
 
     def time(self, sigma: ArrayLike) -> Array:
         """Compute the instants t [s] of parameters sigma, with the shape of sigma.
@@ -216,15 +217,15 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         u u' + z u".
         """
         sigma = self.parameter(t)
-        by_sigma = [self.phi(sigma, order) for order in range(count)]
-        # z and its derivatives by sigma; zeros for those that orders below `count` do not contain
-        z_slopes = [self.squared_speed(sigma, order) for order in range(count - 1)]
-        not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_slopes))
-        z, dz, ddz, dddz = z_slopes + not_needed
+        phi_by_sigma = [self.phi(sigma, order) for order in range(count)]
+        # derivatives of z by sigma; zeros stand for those on which the orders below `count` do not depend
+        z_by_sigma = [self.squared_speed(sigma, order) for order in range(count - 1)]
+        not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_by_sigma))
+        z, dz, ddz, dddz = z_by_sigma + not_needed
         speed = np.sqrt(z)
         u, du, ddu = 0.5 * dz, 0.5 * ddz, 0.5 * dddz
         sigma_rates = [speed, u, speed * du, u * du + z * ddu]
-        return compose_derivatives(by_sigma, sigma_rates[: count - 1])
+        return compose_derivatives(phi_by_sigma, sigma_rates[: count - 1])
 
     @property
     def edges(self) -> Array:
@@ -244,7 +245,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         The result is positive, so s' > 0 between the ends. z has no zeros to divide out at the ends, so that
         `smoothness` does not matter.
         """
-        # integrals over the local coordinate of each cell, from -1 to 1, where all T_k are 1
+        # (k,) integrals over the local coordinate of each cell: the values at 1, where all T_k are 1, of the
+        # integral from -1
         local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
         integral = 0.5 * np.diff(self.cells) @ local_integrals
         return least_value(self.series) / float(0.5 * integral)  # xi has the range 2

@@ -90,14 +90,14 @@ class PointPath(ReadOnlyArrays):
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or a derivative in s; s of any shape (...) gives (..., n)."""
+        """Compute x(s) or its derivative of an `order` in s; s of any shape (...) gives (..., n)."""
         check_order(order)
         s_values = np.asarray(s, dtype=float)
         values = self._evaluate(s_values.reshape(-1), order)
         return values.reshape(*s_values.shape, values.shape[1])
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative (T, n) at s (T,)."""
+        """Compute x(s) or its derivative of an `order` (T, n) at s (T,)."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
@@ -132,11 +132,11 @@ class Line(PointPath):
         self._store(start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative in s, (T, n)."""
+        """Compute x(s) or its derivative of an `order` in s, (T, n)."""
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
-        derivative = direction if order == 1 else 0.0 * direction
+        derivative = direction if order == 1 else np.zeros(self.n)
         return np.tile(derivative, (len(s), 1))
 
 
@@ -175,7 +175,8 @@ class Arc(PointPath):
         w = chord - (chord @ u) * u
         spokes = np.array([u, w / np.linalg.norm(w)])
 
-        # angles of via and end in [0, 2 pi): if the end comes first, the arc turns the other way
+        # angles of via and end from the start, in [0, 2 pi). If the end comes before via, the arc turns the
+        # other way.
         along_u, along_w = spokes @ (points[1:] - center).T  # (2,) each
         angle_via, angle_end = (np.arctan2(along_w, along_u) % (2 * np.pi)).tolist()
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
@@ -191,7 +192,10 @@ class Arc(PointPath):
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute c + r (cos(a s) u + sin(a s) w), or a derivative in s, (T, n)."""
+        """Compute c + r (cos(a s) u + sin(a s) w) or a derivative in s, (T, n).
+
+        c is the centre, r the radius and a the angle [rad] of the arc; u and w span its plane.
+        """
         u, w = self._spokes
         phase = s[:, None] * self.angle + order * np.pi / 2  # each derivative advances the phase by pi/2
         values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
@@ -259,7 +263,7 @@ class Spline(PointPath):
         return make_interp_spline(self._shares, self.points, k=degree, t=knots)
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Evaluate the spline or a derivative (T, n)."""
+        """Evaluate the spline or its derivative of an `order` in s, (T, n)."""
         if order > self._spline.k:  # scipy refuses orders above the degree; these derivatives are zero
             return np.zeros((len(s), self.n))
         return self._spline(s, nu=order)
@@ -318,7 +322,8 @@ class Polyline(PointPath):
             )
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
         blend_ends = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
-        knots = np.unique(np.round(blend_ends, 14))  # merges the ends of two blends that meet
+        # rounding to 14 digits makes the ends of two blends that meet equal, and `unique` merges them
+        knots = np.unique(np.round(blend_ends, 14))
         self._store(
             points=points,
             blend=blend,
@@ -328,7 +333,7 @@ class Polyline(PointPath):
         )
 
     def _evaluate(self, s: Array, order: int) -> Array:
-        """Compute x(s) or a derivative in s, (T, n).
+        """Compute x(s) or its derivative of an `order` in s, (T, n).
 
         Near a corner c, x = c + b ((w - f(w)) d_1 + f(w) d_2). The segments before and after c have the
         directions d_1 and d_2, b is `blend`, and w b is the distance from c along the segments. The blend f
@@ -339,7 +344,7 @@ class Polyline(PointPath):
         corners = self._arc_lengths[1:-1]
         corner = np.abs(s[:, None] * length - corners).argmin(axis=1)  # (T,) index of the nearest corner
         w = (s * length - corners[corner]) / self.blend
-        # the derivative of this order, by w, of w itself and of f
+        # w and f(w), or their derivatives by w
         line = Polynomial([0.0, 1.0]).deriv(order)(w)
         f = np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line, _BLEND.deriv(order)(w)))
         along_before = (line - f)[:, None] * self._directions[corner]
@@ -355,7 +360,7 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
-    s, *s_rates = law_values
+    s, *s_rates = law_values  # (T,) each
     by_s = [path(s, k) for k in range(order + 1)]  # x and its derivatives by s
     return compose_derivatives(by_s, [rate[..., None] for rate in s_rates])
 
@@ -438,7 +443,7 @@ class _LargestChange(NamedTuple):
     start: float  # s
     end: float  # s
     change: float  # of the derivative on the interval
-    largest_value: float  # of the derivative on the grid
+    largest_value: float  # absolute, of the derivative at all points of the grid
 
 
 def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
@@ -446,6 +451,9 @@ def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
 
     Args:
         order: 1 or 2, the order of the derivative.
+
+    Returns:
+        The ends of the interval in s, the change on it, and the largest absolute value at all points.
     """
     values = _evaluate_path(path, s, order)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)

@@ -55,14 +55,14 @@ MIN_RELATIVE_SIZE = 1e-3
 
 @dataclass(frozen=True)
 class Stretch:
-    """The increasing map xi(sigma) from [0, 1] to [-1, 1], steeper near the points `at`.
+    """The increasing map xi(sigma) from [0, 1] to [-1, 1], steeper near the points `dense_at`.
 
-    xi is sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w = STRETCH_WIDTH and
-    h = STRETCH_HEIGHT. Through such a map a Chebyshev series resolves a function that changes fast near
-    known points: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
+    With the points p_k of `dense_at`, xi is sigma + h sum_k arctan((sigma - p_k) / w), scaled to end at -1
+    and 1, where w = STRETCH_WIDTH and h = STRETCH_HEIGHT. Through such a map a Chebyshev series resolves a
+    function that changes fast near known points: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
     """
 
-    at: tuple[float, ...] = ()  # values of sigma
+    dense_at: tuple[float, ...] = ()  # values of sigma
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
@@ -81,15 +81,15 @@ class Stretch:
     def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
         """Evaluate the map before scaling, or its derivative up to order 3.
 
-        With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
+        With d = sigma - p_k, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
         w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
         """
-        # the derivative of the first term, sigma: 1, then 0
+        # the first term, sigma, or its derivative: 1, then 0
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
-        if not self.at:
+        if not self.dense_at:
             return identity
         w = STRETCH_WIDTH
-        d = sigma[..., None] - np.array(self.at)
+        d = sigma[..., None] - np.array(self.dense_at)
         denominator = w**2 + d**2
         if order == 0:
             arctangents = np.arctan(d / w)
@@ -150,7 +150,7 @@ class SpeedBasis(ReadOnlyArrays):
         return read_only(inner_knots.mean(axis=1))
 
     def matrix(self, xi: Array, order: int = 0) -> Any:
-        """Return the sparse matrix (T, size) of all functions, or derivatives, at xi (T,)."""
+        """Return the sparse matrix (T, size) of all functions, or a derivative of an `order`, at xi (T,)."""
         from scipy import sparse
 
         if not self.is_spline:
@@ -217,7 +217,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
-    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
+    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()  # error of z [1/s^2]
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
     edges[[0, -1]] = 0.0, 1.0  # free of rounding
     while len(edges) <= MAX_PANELS:
@@ -240,7 +240,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]
+        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]  # halve the coarse panels
         edges = np.sort(np.concatenate([edges, middles]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 

@@ -127,10 +127,10 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Compute the diagonal stiffness [N/m, N m/rad] at the middle of a beam.
+    """Compute the diagonal stiffness [N/m, N m/rad] at the middle of a beam, by axis.
 
     The formulas are those of the module. The beam has the same section and material along its `length` [m],
-    and runs along x. The keys are the axes x, y, z, rx, ry, rz.
+    and runs along x. The keys of the result are the axes x, y, z, rx, ry, rz.
 
     Raises:
         InvalidInput: the length is not positive.
@@ -243,6 +243,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
         InvalidInput: see `split_beam`.
     """
     if y is None:
+        # 1 + along_x is about angle^2 / 2 at a small angle from -x
         if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
             raise InvalidInput(
                 "y: required, because the beam runs along -x of its link, where the least turn has no axis; "

@@ -260,8 +260,10 @@ class Coupling:
 def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the positions [rad, m], by name, of joints coupled to locked joints.
 
-    `locked` are the positions of the locked joints. Only joints that one of the `couplings` connects directly
-    with a locked joint are returned.
+    Only joints that one of the `couplings` connects directly with a locked joint are returned.
+
+    Args:
+        locked: positions [rad, m] of the locked joints, by name.
     """
     positions = {}
     for coupling in couplings:
@@ -292,7 +294,7 @@ class FrameWrench(ReadOnlyArrays):
         return self._spline(s)
 
     def times(self, factor: float) -> FrameWrench:
-        """Return the wrench multiplied by a number."""
+        """Return the wrench multiplied by a `factor`."""
         rows = self.rows.copy()
         rows[..., -6:] *= factor  # force and moment; a row of a table has s before them
         return replace(self, rows=rows)
@@ -338,7 +340,7 @@ class FrameWrench(ReadOnlyArrays):
         if isinstance(given, Mapping):
             values = read_table(name, dict(given), _WRENCH_TABLE)
             given, axes = values["wrench"], values["axes"]
-        # an array without dimensions is an ndarray, but is not iterable
+        # a wrench is a list of numbers, a table is a list of lists; an array without dimensions is neither
         is_list = isinstance(given, list | tuple | np.ndarray) and np.iterable(given)
         if not (is_list and any(map(np.iterable, given))):
             return FrameWrench(frame, finite_numbers(name, given, 6), axes)
@@ -351,9 +353,9 @@ class FrameWrench(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class KeptLevel:
-    """The stored result of a fidelity study: the least sufficient level of a scene.
+    """The stored result of a fidelity study: the least level that is enough for a scene.
 
-    `tolerance` is relative to the largest torque.
+    `tolerance` is the error that was allowed, as a share of the path's length and of the peak torque.
     """
 
     level: str

@@ -69,7 +69,7 @@ class LoopRows(ReadOnlyArrays):
     constant: Array  # (m,)
     coupled: BoolArray  # (m,) whether the row is a coupling
     columns: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the velocity vector
-    places: IntArray  # (m, 2) the same joints, as indices into the configuration vector
+    places: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the configuration vector
     ratio: Array  # (m,)
     offset: Array  # (m,) [rad or m]
 
@@ -91,7 +91,8 @@ class LoopRows(ReadOnlyArrays):
     @cached_property
     def derivative_weight(self) -> Array:
         """Factors (m,) of `first vector . rate of the second vector` in the rate of each row."""
-        return read_only(self.weight * (1.0 + self.square))  # the rate of d.d is 2 d . (rate of d)
+        # the rate of d.d is 2 d . (rate of d): `square`, 0 or 1, adds the factor 2
+        return read_only(self.weight * (1.0 + self.square))
 
     @cached_property
     def force_weight(self) -> Array:
@@ -134,20 +135,20 @@ class LoopRows(ReadOnlyArrays):
     def coupling_residual(self, q: Array) -> Array:
         """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
         rows = self.coupled
-        joint, of = self.places[rows].T  # the joints a and b of each coupling
-        return q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows]
+        a, b = self.places[rows].T  # (c,) each, the two joints of each coupling
+        return q[:, a] - self.ratio[rows] * q[:, b] - self.offset[rows]
 
     def coupling_jacobian(self, nv: int) -> Array:
         """Return derivatives (m, nv) of coupling rows along the velocities; 0 in other rows."""
         jacobian = np.zeros((len(self.names), nv))
         rows = np.flatnonzero(self.coupled)
-        joint, of = self.columns[rows].T
-        jacobian[rows, joint] = 1.0
-        jacobian[rows, of] = -self.ratio[rows]
+        a, b = self.columns[rows].T  # (c,) each, the two joints of each coupling
+        jacobian[rows, a] = 1.0
+        jacobian[rows, b] = -self.ratio[rows]
         return jacobian
 
     def take(self, rows: IntArray) -> LoopRows:
-        """Return the table of the rows at indices (k,)."""
+        """Return the table of the `rows` at indices (k,)."""
         names, *columns = (getattr(self, field.name) for field in fields(self))
         return LoopRows(tuple(names[i] for i in rows), *(column[rows] for column in columns))
 
@@ -258,7 +259,8 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
         free = _free_turns(closure)
         if len(free) > 1:
             continue
-        for k in free or (0, 1):  # if two axes of the frames are parallel, so are the third ones
+        # all rotations locked: if two axes of the frames are parallel, so are the third ones
+        for k in free or (0, 1):
             pairs.append((*map(frames.index, closure.frames), k))
             names.append(closure.name)
     first, second, axis = map(read_only, np.array(pairs, dtype=np.intp).reshape(-1, 3).T)

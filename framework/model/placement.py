@@ -76,7 +76,7 @@ def rotation_with_axis(name: str, axis: Sequence[float] | Array) -> Array:
     unit_axis = np.divide(axis, np.linalg.norm(axis))
     if unit_axis[column] == 1.0:
         return np.eye(3)
-    least_parallel = np.eye(3)[np.abs(unit_axis).argmin()]
+    least_parallel = np.eye(3)[np.abs(unit_axis).argmin()]  # x, y or z: its cross product is far from zero
     second = np.cross(unit_axis, least_parallel)
     second /= np.linalg.norm(second)
     right_handed = np.array([unit_axis, second, np.cross(unit_axis, second)])

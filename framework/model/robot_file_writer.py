@@ -59,7 +59,7 @@ def write_robot_file(
 
 
 def record_entry(record: Any) -> Document:
-    """Return a dataclass as an entry of a robot file, without empty and zero fields."""
+    """Return a `record`, a dataclass, as an entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()

@@ -304,14 +304,25 @@ class RobotReader:
         return spring
 
     def wrenches(self, where: str, given: Any) -> dict[str, Any]:
-        """Read wrenches by frame; return each as written in plan.json."""
+        """Read wrenches by frame; return each as written in plan.json.
+
+        Args:
+            where: place of the wrenches in the file, for messages.
+            given: the mapping in the file, unchecked.
+        """
         stated = mapping_of(anything, self.frame)(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
     def scenes(self, where: str, given: Any) -> dict[str, Scene]:
-        """Read scenes by name."""
+        """Read scenes, which are motions with a path and options, by name.
+
+        Args:
+            where: place of the scenes in the file, for messages.
+            given: the mapping in the file, unchecked.
+        """
         table = {**_SCENE_TABLE, "wrenches": optional(self.wrenches)}
-        scenes = mapping_of(record(table, _make_scene))(where, given)
+        read_scene = record(table, _make_scene)
+        scenes = mapping_of(read_scene)(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 
 
@@ -363,7 +374,10 @@ def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, floa
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene from the values of its keys; `RobotReader.scenes` adds the name."""
+    """Make a scene without a name from the values of its keys.
+
+    `where` is the place of the scene in the file, for messages.
+    """
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")

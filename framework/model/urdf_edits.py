@@ -25,7 +25,7 @@ from framework.model.documents import child_element, read_axis, remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
-    ENTRIES,
+    INERTIA_ENTRIES,
     MOVING,
     Joint,
     add_endless_limit,
@@ -39,7 +39,7 @@ ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 _JOINT_PARTS = ("parent", "child", "origin")
 _MOVING_JOINT_PARTS = (*_JOINT_PARTS, "axis", "limit")
 # the attributes of these children, and of those of `<inertial>`, that hold numbers
-_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *ENTRIES}
+_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *INERTIA_ENTRIES}
 
 
 def vector_text(values: Iterable[float]) -> str:
@@ -65,9 +65,8 @@ class NewJoint(NamedTuple):
 def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
     """Return a `<joint>` from link `parent` to link `child`.
 
-    Limits that URDF requires and `joint` does not have are so large that no motion reaches them.
-
-    A continuous joint with limits becomes a revolute one.
+    Limits that URDF requires and `joint` does not have are so large that no motion reaches them. A continuous
+    joint with limits becomes a revolute one.
     """
     kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
     element = Element("joint", name=joint.name, type=kind)
@@ -120,7 +119,7 @@ def free_name(wanted: str, taken: set[str]) -> str:
 def visual_element(shape: str, words: dict[str, str], origin: Array) -> Element:
     """Return the `<visual>` of a primitive shape at a placement `origin` (4, 4) in the link.
 
-    `shape` is the tag of the shape, `words` are the attributes with its size.
+    `shape` is the tag of the shape, such as box; `words` are the attributes with its size [m].
     """
     visual = Element("visual")
     visual.append(origin_element(origin))
@@ -170,7 +169,7 @@ def add_frame(
 
 
 def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
-    """Fix joints of one freedom at values [rad, m], by name; remove their mimics.
+    """Fix joints of one freedom at values [rad, m], by name; a fixed joint follows no other any more.
 
     Raises:
         RobotFileError: no joint of one freedom has such a name.
@@ -182,7 +181,7 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Fix a joint that moves at the values [rad, m] of its coordinates."""
+    """Fix a joint that moves at the values [rad, m] of its coordinates; remove axis, limits and mimic."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone

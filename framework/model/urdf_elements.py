@@ -44,7 +44,7 @@ JOINT_TYPES = ("fixed", *MOVING, *COORDINATE_SUFFIXES)
 MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
-ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
+INERTIA_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
 # primitive shapes, with the attributes (in SDF the children) that have their sizes
 SIZES_OF_SHAPES = {
     "box": ("size",),
@@ -331,13 +331,13 @@ def check_inertial(link: Element, extent: float) -> None:
     if mass < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
     inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
-    values = [read_number(inertia, f"{where}: <inertia>", key) for key in ENTRIES]
+    values = [read_number(inertia, f"{where}: <inertia>", key) for key in INERTIA_ENTRIES]
     negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
     check_inertia(f"{where}: <inertia>", symmetric_matrix(*values), negligible=negligible)
 
 
 def symmetric_matrix(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
-    """Return the symmetric matrix (3, 3) with six entries in the order of ENTRIES."""
+    """Return the symmetric matrix (3, 3) with six entries in the order of INERTIA_ENTRIES."""
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
@@ -361,7 +361,7 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
     largest_entry = float(np.abs(entries).max())
     if largest_entry <= negligible:
         return
-    moments = np.linalg.eigvalsh(entries / largest_entry)  # ascending; scaled against overflow
+    moments = np.linalg.eigvalsh(entries / largest_entry)  # (3,) ascending; scaled against overflow
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
     if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
         with np.errstate(over="ignore"):

@@ -85,7 +85,7 @@ class Band(ReadOnlyArrays):
         lower = int(np.max(i - j, initial=0))
         upper = int(np.max(j - i, initial=0))
         # LAPACK stores entry (i, j) in column j of the band at row lower + upper + i - j. The first `lower`
-        # rows are space for pivoting
+        # rows are space for pivoting.
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
             size=size,
@@ -158,8 +158,8 @@ class BandFactors:
 
         Args:
             right: right-hand sides, in the order of the matrices.
-            order: (k,) index of the equation that each row of the band is.
-            position: (k,) row of the band's solution that each unknown is.
+            order: (k,) for each row of the band, the index of its equation.
+            position: (k,) for each unknown, its row in the solution of the band.
         """
         from scipy.linalg.lapack import dgbtrs
 
@@ -167,7 +167,8 @@ class BandFactors:
             raise np.linalg.LinAlgError(f"singular matrix at instant {(self.singular - 1) // self.band.size}")
         if not right.size:
             return np.empty(right.shape)
-        stacked = right.take(order, axis=-1).reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
+        # all instants in the order of the band, (T k, right-hand sides)
+        stacked = right.take(order, axis=-1).reshape(-1, self.lu.shape[1]).T
         solution, _ = dgbtrs(
             self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )

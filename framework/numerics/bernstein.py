@@ -99,7 +99,8 @@ def multiply(first: Array, second: Array) -> Array:
     """Return coefficients (k, m + n + 1, ...) of the products of polynomials on k cells.
 
     The factors have degrees m and n and coefficients `first` (k, m + 1, ...) and `second` (k, n + 1, ...).
-    With the weights w of `product_weights`, the product has c_j = sum over a, b of w_jab first_a second_b.
+    With the weights w (m + n + 1, m + 1, n + 1) of `product_weights`, coefficient j of the product is the sum
+    over a and b of w_jab first_a second_b.
     """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.einsum("jab,ka...,kb...->kj...", weights, first, second)
@@ -108,8 +109,8 @@ def multiply(first: Array, second: Array) -> Array:
 def elevation_matrix(degree: int, to: int) -> Array:
     """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients.
 
-    The matrix multiplies a polynomial by the constant 1, written as a polynomial of degree to - degree, whose
-    coefficients are all 1.
+    Raising the degree multiplies by the constant 1, written as a polynomial of degree to - degree whose
+    coefficients are all 1. So the weights of the product are summed over these coefficients.
     """
     return product_weights(to - degree, degree).sum(axis=1)
 

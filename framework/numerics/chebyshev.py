@@ -58,12 +58,12 @@ def tail(series: Array) -> float:
     The tail is the largest absolute value among the last eighth, divided by the largest of all. It is 0 for a
     series of zeros, and infinite for a series that is not finite.
     """
-    sizes = np.abs(series)
-    largest = float(sizes.max(initial=0.0))
+    magnitudes = np.abs(series)
+    largest = float(magnitudes.max(initial=0.0))
     if not np.isfinite(largest):
         return np.inf
-    count = max(2, series.shape[-2] // 8)
-    return float(sizes[..., -count:, :].max()) / largest if largest > 0 else 0.0
+    count = max(2, series.shape[-2] // 8)  # at least 2: every other coefficient of an even function is 0
+    return float(magnitudes[..., -count:, :].max()) / largest if largest > 0 else 0.0
 
 
 def evaluate(x: Array, series: Array) -> Array:
@@ -88,10 +88,12 @@ def real_roots(series: Array) -> Array:
     beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
     axis, because rounding splits a double root by its square root.
     """
+    # the colleague matrix divides by the last coefficient, so last coefficients of rounding size are cut off
     rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
     roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
-    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+    inside = real[np.abs(real) <= 1 + SAME_PLACE]
+    return np.sort(np.clip(inside, -1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +180,7 @@ class TimeGrid(ReadOnlyArrays):
         The function must have the panels and the size of this grid. Differentiation amplifies the rounding
         error of each coefficient, which is small if the coefficient is small.
         """
-        basis, first, second = _basis_values(self.size)
+        basis, first, second = _basis_values(self.size)  # polynomials and derivatives, (size, size) each
         series = function.coefficients
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         return (
@@ -200,7 +202,7 @@ class TimeGrid(ReadOnlyArrays):
         """
         best_size = size
         best_distance = -1.0
-        for candidate in range(size, size + 6) if len(instants) else ():
+        for candidate in range(size, size + 6) if len(instants) else ():  # any nodes will do without instants
             times = _nodes_between(edges, candidate)
             distance = float(np.abs(times - instants[:, None]).min()) * candidate  # relative to 1 / candidate
             if distance > best_distance * 1.001:  # by more than rounding
@@ -255,6 +257,6 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     bounds = np.abs(series).sum(axis=1)  # (panels, k)
     for panel, component in np.argwhere(bounds > peaks):
         one_series = series[panel, :, component]
-        sizes = np.abs(evaluate(extrema(one_series), one_series))
-        peaks[component] = sizes.max(initial=peaks[component])
+        extreme_values = np.abs(evaluate(extrema(one_series), one_series))
+        peaks[component] = extreme_values.max(initial=peaks[component])
     return peaks

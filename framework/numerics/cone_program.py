@@ -180,7 +180,7 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
     offsets = []
     group_start = 0
     for members in groups:
-        offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())
+        offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())  # row by row
         for k, rows in enumerate(members):
             for name, matrix in rows.parts.items():
                 part = matrix.tocoo()
@@ -203,7 +203,11 @@ class LinearMatrix(NamedTuple):
 def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
     """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
 
-    Return the solver's status if it finds none.
+    The result is the solver's status if it finds no such y.
+
+    Args:
+        matrices: matrices (k, k) that are affine in y.
+        positive: affine function of y whose values must not be negative.
     """
     import clarabel
     from scipy import sparse
@@ -251,9 +255,10 @@ def _cone_settings(regularization: float, refinements: int, tolerance: float) ->
     settings.iterative_refinement_enable = refinements > 0
     settings.iterative_refinement_max_iter = refinements
     settings.static_regularization_constant = regularization
-    for prefix, share in (("", tolerance), ("reduced_", STALLED_RATIO * tolerance)):
+    # fields such as tol_gap_abs of a solution, and reduced_tol_gap_abs of one at which the solver stalls
+    for prefix, allowed in (("", tolerance), ("reduced_", STALLED_RATIO * tolerance)):
         for measure in ("gap_abs", "gap_rel", "feas"):
-            setattr(settings, f"{prefix}tol_{measure}", share)
+            setattr(settings, f"{prefix}tol_{measure}", allowed)
     return settings
 
 

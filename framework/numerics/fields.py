@@ -193,7 +193,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
 
 
 def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) -> Reader[T]:
-    """Return a reader that refuses values that are not valid with a complaint."""
+    """Return a reader like `read` that refuses values unless `is_valid`, with a complaint."""
 
     def read_valid(where: str, raw: Any) -> T:
         """Read a value; refuse an invalid one."""

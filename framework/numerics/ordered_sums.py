@@ -73,7 +73,8 @@ def singular_values(matrices: NDArray[Any]) -> Array:
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular.
 
-    The solution of least squares is the shortest of those with the least residual.
+    A single matrix that is singular to the last bit makes `np.linalg.solve` fail for the whole stack. The
+    solution of least squares is the shortest of those with the least residual.
     """
     try:
         return np.linalg.solve(matrices, right)
@@ -102,11 +103,11 @@ def split_row_space(
     Args:
         matrix: (m, c).
         level: least singular value that counts, over the largest one.
-        scale: range to which the largest singular value is clipped first; (1, 1) makes the level absolute.
+        scale: bounds to which the largest singular value is clipped first; (1, 1) makes the level absolute.
         at_least: least dimension of the null space, even if more singular values are above the level.
     """
     _, values, V_rows = np.linalg.svd(matrix)
     lower, upper = scale
-    reference = min(values.max(initial=lower), upper)
-    rank = min(np.count_nonzero(values > level * reference), len(V_rows) - at_least)
+    largest = min(values.max(initial=lower), upper)
+    rank = min(np.count_nonzero(values > level * largest), len(V_rows) - at_least)
     return V_rows[:rank], V_rows[rank:]

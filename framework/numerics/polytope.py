@@ -83,7 +83,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     """
     span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
-    half_of_normals = np.concatenate([across, *facet_normals])
+    half_of_normals = np.concatenate([across, *facet_normals])  # one of each opposite pair
     normals = _remove_repeated(np.concatenate([half_of_normals, -half_of_normals]))
 
     widths = np.abs(normals @ generators.T).sum(axis=1)
@@ -91,6 +91,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     widths[is_across] = 0.0  # exactly, without rounding
     offsets = normals @ centre + widths
 
+    # the vertices are among the images of the corners of the box
     points = _remove_repeated(centre + sign_combinations(len(generators)) @ generators)
     vertices = _select_vertices(points, normals, offsets)
     return Polytope(normals, offsets, vertices, free=np.empty((0, len(centre))))
@@ -169,6 +170,6 @@ def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
     The half-spaces are normals (h, n) y <= offsets (h,).
     """
     rounding = SAME_PLACE * np.abs(offsets).max(initial=0.0)
-    touches = points @ normals.T >= offsets - rounding  # (k, h)
+    touches = points @ normals.T >= offsets - rounding  # (k, h) whether a point is on a boundary
     ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]
     return points[np.array(ranks) == points.shape[1]]

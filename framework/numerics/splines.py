@@ -22,8 +22,9 @@ def find_intervals(knots: Array, degree: int, x: Array) -> IntArray:
 def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, order: int = 0) -> Array:
     """Compute the B-splines that are not zero at x, or a derivative: (T, degree + 1).
 
-    A spline of degree p is a sum of two splines of degree p - 1, with shares that are linear in x. The
-    derivative of the last `order` of these steps replaces the shares by their slopes, times p.
+    The recurrence raises the degree step by step: a spline of degree p is a sum of two splines of degree
+    p - 1, with shares that are linear in x. For a derivative, the last `order` steps use the slopes of these
+    shares, times p, instead of the shares.
 
     Args:
         knots: t, ascending.

@@ -121,7 +121,8 @@ class CollocationStep(ReadOnlyArrays):
     v: Array  # (s, nv)
     a: Array  # (s, nv)
     multipliers: Array  # (s, m) of the loop equations
-    slope: Array  # (s, nv) rate of the tangent offset from `start`; equals v if the robot has no balls
+    # (s, nv) rate of the tangent offset q - start, at the nodes; equals v if the robot has no balls
+    offset_rate: Array
     power: Array  # (s,) of the motors and the external wrenches [W]
     iterations: int  # of Newton's method
     unresolved: float  # estimate of the first Legendre coefficient left out [rad, robot lengths]
@@ -139,10 +140,10 @@ class StepFailed(Exception):
 class _Balance(NamedTuple):
     """The equations of a step, evaluated at an iterate."""
 
-    slope: Array  # (s, nv) see `CollocationStep`
+    offset_rate: Array  # (s, nv) rate of the tangent offset from the start of the step
     torque: Array  # (s, n_a) [N m], motor side
     tangent: Tangent
-    force: Array  # (s, nv) residual of the balance of forces
+    force: Array  # (s, nv) residual of the balance of forces [N m, N]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +168,11 @@ class StepEquations:
         """
         accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(self.start.q).max())
         matrix = None  # factorised before the first step, and again where steps shrink too slowly
-        last_size = np.inf
-        slope = np.zeros_like(a)
+        last_newton_step = np.inf
+        offset_rate = np.zeros_like(a)
         for iteration in range(1, MAX_ITERATIONS + 1):
-            balance = self._balance(a, multipliers, slope)
-            slope = balance.slope
+            balance = self._balance(a, multipliers, offset_rate)
+            offset_rate = balance.offset_rate
             residual = balance.tangent.residual
             if not (np.all(np.isfinite(balance.force)) and np.all(np.isfinite(residual))):
                 raise StepFailed("not finite")
@@ -179,23 +180,25 @@ class StepEquations:
                 matrix = self._newton_matrix(balance.tangent, multipliers)
 
             q_change, a_change, multiplier_change = matrix.solve(balance.force, residual)
-            size = float(np.abs(q_change / self.equations.robot.column_scale).max())  # [rad, robot lengths]
+            # the largest change of a coordinate [rad, robot lengths]
+            newton_step = float(np.abs(q_change / self.equations.robot.column_scale).max())
             a = a + a_change
             multipliers = multipliers + multiplier_change
 
-            # the error that is left, at most the last step while the convergence is not yet known
-            rate = size / last_size if last_size > 0 else 0.0
-            error = size
+            # the error that is left: at most the size of the step while the convergence is not yet known
+            rate = newton_step / last_newton_step if last_newton_step > 0 else 0.0
+            error = newton_step
             if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
-                error = size * rate / (1 - rate)
+                error = newton_step * rate / (1 - rate)
             if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
 
-            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:  # growing steps that are not rounding
+            # steps that double in size diverge, unless they are rounding; the first two may still grow
+            if iteration > 2 and rate > 2.0 and newton_step > NEWTON_STEP:
                 raise StepFailed("Newton diverges")
             if rate > REFACTORING_RATE:
                 matrix = None
-            last_size = size
+            last_newton_step = newton_step
         raise StepFailed("Newton does not converge")
 
     @cached_property
@@ -208,20 +211,20 @@ class StepEquations:
         """Motor torques (s, n_a) that depend on time alone; None with feedback."""
         return self.drive.torques_without_feedback(self.times)
 
-    def _nodes(self, a: Array, slope_guess: Array) -> tuple[Array, Array, Array]:
-        """Integrate accelerations a (s, nv) from the start to the nodes.
+    def _integrate_to_nodes(self, a: Array, rate_guess: Array) -> tuple[Array, Array, Array]:
+        """Integrate accelerations a (s, nv) at the nodes to velocities and configurations.
 
         Args:
-            slope_guess: guess (s, nv) of the slope, from which it is iterated.
+            rate_guess: (s, nv) guess of the rate of the tangent offset, refined by fixed-point iteration.
 
         Returns:
-            q (s, nq), v (s, nv) and the slope (s, nv) of `CollocationStep`, at the nodes.
+            Configurations (s, nq); velocities (s, nv); rates (s, nv) of the tangent offset from the start.
         """
         integration = self.length * self.table.integration
         v = self.start.v + integration @ a
-        slope = self._offset_rate(v, slope_guess)
-        q = integrate(self.equations.robot, self.start.q, integration @ slope)
-        return q, v, slope
+        offset_rate = self._offset_rate(v, rate_guess)
+        q = integrate(self.equations.robot, self.start.q, integration @ offset_rate)
+        return q, v, offset_rate
 
     def _offset_rate(self, v: Array, guess: Array) -> Array:
         """Compute the rate (s, nv) of the tangent offset from the start for velocities v (s, nv).
@@ -242,12 +245,12 @@ class StepEquations:
                 break
         return rate
 
-    def _balance(self, a: Array, multipliers: Array, slope_guess: Array) -> _Balance:
+    def _balance(self, a: Array, multipliers: Array, rate_guess: Array) -> _Balance:
         """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes.
 
-        `slope_guess` (s, nv) is a guess of the rate of the tangent offset, see `CollocationStep.slope`.
+        `rate_guess` (s, nv) is a guess of the rate of the tangent offset from the start.
         """
-        q, v, slope = self._nodes(a, slope_guess)
+        q, v, offset_rate = self._integrate_to_nodes(a, rate_guess)
         equations = self.equations
         world = self.drive.world
         torque = self.drive(self.times, q, v) if self.torque is None else self.torque
@@ -255,10 +258,10 @@ class StepEquations:
         applied = equations.motor_forces(torque)
         if world.acts:
             applied += world(equations.robot, self.times, q)
-            world_slope = world.slope(equations.robot, self.times, tangent.frames)
-            tangent = tangent._replace(by_q=tangent.by_q - world_slope)
+            world_by_q = world.slope(equations.robot, self.times, tangent.frames)
+            tangent = tangent._replace(by_q=tangent.by_q - world_by_q)
         loop_forces = np.einsum("smi,sm->si", tangent.jacobian, multipliers)  # J' lambda
-        return _Balance(slope, torque, tangent, tangent.force - applied - loop_forces)
+        return _Balance(offset_rate, torque, tangent, tangent.force - applied - loop_forces)
 
     def _newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix:
         """Factorise Newton's matrix at the terms `tangent` and multipliers (s, m) of the nodes.
@@ -284,7 +287,7 @@ class StepEquations:
             raise StepFailed("singular equations") from None
 
     def _solution(self, a: Array, multipliers: Array, balance: _Balance, iterations: int) -> CollocationStep:
-        """Return the solution of the step, with its power and its unresolved part.
+        """Return the solution of the step, with the power [W] and the estimate of the unresolved part.
 
         Args:
             a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
@@ -292,7 +295,7 @@ class StepEquations:
             iterations: number of Newton steps.
         """
         robot = self.equations.robot
-        q, v, slope = self._nodes(a, balance.slope)
+        q, v, offset_rate = self._integrate_to_nodes(a, balance.offset_rate)
         drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q)
         return CollocationStep(
             table=self.table,
@@ -304,24 +307,24 @@ class StepEquations:
             v=v,
             a=a,
             multipliers=multipliers,
-            slope=slope,
+            offset_rate=offset_rate,
             power=np.vecdot(drives, v),
             iterations=iterations,
-            unresolved=self._unresolved_part(slope),
+            unresolved=self._unresolved_part(offset_rate),
         )
 
-    def _unresolved_part(self, slope: Array) -> float:
+    def _unresolved_part(self, offset_rate: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        The coefficients are those of the tangent offset. They are extrapolated from the coefficients of its
-        slope (s, nv): from the largest of the last pair, by its ratio to the largest of the previous pair.
-        Pairs are compared because every other coefficient of an even or odd motion vanishes.
+        The coefficient is that of the tangent offset. It is extrapolated from the coefficients of the
+        `offset_rate` (s, nv): from the largest of the last pair, by its ratio to the largest of the previous
+        pair. Pairs are compared because every other coefficient of an even or odd motion vanishes.
         """
-        magnitudes = np.abs(self.table.to_series @ slope) / self.equations.robot.column_scale  # (s, nv)
+        magnitudes = np.abs(self.table.to_series @ offset_rate) / self.equations.robot.column_scale  # (s, nv)
         last = float(magnitudes[-2:].max())
         previous = float(magnitudes[-4:-2].max(initial=0.0))
         decay = min(1.0, last / max(previous, LEAST_DIVISOR))
-        first_omitted = last * decay  # of the slope
+        first_omitted = last * decay  # of the offset's rate
         # integration over the step divides the coefficient of P_s by about 2 s
         return self.length * first_omitted / (2 * self.table.stages)
 
@@ -336,7 +339,7 @@ class NewtonMatrix:
     right_inverse: Array  # (s, nv, m) Q R'^-1 of J
     Z: Array  # (s, nv, nv - m) null space of J
     lu: Array  # (s (nv - m), s (nv - m)) LU factors, as LAPACK stores them
-    pivots: Array  # of the LU factors
+    pivots: Array  # (s (nv - m),) row exchanges of the LU factors
 
     @staticmethod
     def of(length: float, differentiation: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:

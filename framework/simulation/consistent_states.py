@@ -66,7 +66,8 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     U, values, V_rows = np.linalg.svd(J)
     Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
 
-    # motions along the eigenvectors of the reduced mass matrix; without mass if their inertia is rounding
+    # Eigenvectors of the reduced mass matrix are motions of independent inertia. A motion has no mass if this
+    # inertia is rounding beside all inertias of the robot.
     mass = tangent.mass * scale * scale[:, 0]
     reduced_mass = matmul(Z.swapaxes(1, 2), matmul(mass, Z))  # Z' M Z, (T, d, d)
     inertias, axes = np.linalg.eigh(reduced_mass)  # (T, d) ascending, (T, d, d)
@@ -117,7 +118,7 @@ def consistent_state(
     """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
     In a consistent state the loops are closed, and massless parts are in balance under the motor torques
-    `torque` (n_a,) [N m] and the external wrenches of `world` at t = 0.
+    `torque` (n_a,) [N m], motor side, and the external wrenches of `world` at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.
@@ -130,7 +131,7 @@ def consistent_state(
     for _ in range(MAX_ITERATIONS):
         tangent = equations.tangent_at_rest(q)
         _, light = free_motions(equations, tangent)
-        # the least step that closes the loops, in radians and robot lengths
+        # the least step that closes the loops, measured in radians and robot lengths
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:
@@ -139,7 +140,8 @@ def consistent_state(
             unbalanced -= world(robot, np.zeros(1), q[None])[0]
             step += light @ balancing_step(equations, tangent, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
-        if not size < 1.0:  # Newton's method diverges: the errors below say of what
+        # a step of a radian or of the robot's length, or NaN: Newton's method diverges, reported below
+        if not size < 1.0:
             break
         q = integrate(robot, q[None], step[None])[0]
         if size < ROUNDING_STEP:

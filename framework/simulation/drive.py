@@ -72,7 +72,8 @@ class WorldForces:
         """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s] and q (T, nq).
 
         Args:
-            models: a pinocchio model for each state, all of the robot's structure; by default the robot's.
+            models: a pinocchio model for each state, of robots that differ from `robot` in numbers alone,
+                such as lengths in the runs of a `Stepper`; by default that of `robot` for all.
         """
         data = scratch_of(robot).data
         s = self._path_coordinates(t)
@@ -82,6 +83,7 @@ class WorldForces:
             frame = frame_index(robot.model, entry.frame)
             wrenches = entry(s)  # (T, 6)
             for k, configuration in enumerate(q):
+                # the Jacobian (6, nv); the call also updates data.oMf, the placement of the frame
                 jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
                 wrench = wrenches[k]
                 if entry.turns:  # the wrench is given on the frame's axes: rotate force and moment
@@ -133,9 +135,9 @@ class PlannedMotion(Protocol):
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """Return the planned motion that `source` holds or is; None without one.
+    """Return the planned motion in a `source`; None without one.
 
-    A plan holds its motion as `dynamics`.
+    The source is a plan, which has its motion as `dynamics`, or a planned motion itself.
     """
     for candidate in (getattr(source, "dynamics", None), source):
         if isinstance(candidate, PlannedMotion):
@@ -181,7 +183,8 @@ class Drive:
         A break is the end of a step, so the torque before the break applies there.
         """
         for instant in self.breaks:
-            # the end of a step, time + length, differs from the break by a few units in the last place
+            # The end of a step, time + length, may miss the break by a few units in the last place.
+            # Such a time moves to 8 units before the break: rounding does not carry it beyond again.
             unit = np.spacing(instant)
             is_break = np.abs(t - instant) <= 4 * unit
             t = np.where(is_break, instant - 8 * unit, t)
@@ -196,7 +199,8 @@ class Drive:
             return None
         nv = self.robot.nv
         times = np.full(nv, t)
-        steps = FEEDBACK_DIFFERENCE * np.eye(nv)  # of one joint in each row
+        # central differences; row k of the stacks of nv states steps joint k
+        steps = FEEDBACK_DIFFERENCE * np.eye(nv)
         same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
         ahead, back = integrate(self.robot, q, steps), integrate(self.robot, q, -steps)
         by_q = self(times, ahead, same_v) - self(times, back, same_v)  # (nv, n_a)
@@ -210,7 +214,7 @@ class Drive:
         breaks: Sequence[float] = (),
         wrenches: Mapping[str, Any] | None = None,
     ) -> Drive:
-        """Make the drive from a planned motion, torque(t) or torque(t, q, v).
+        """Make the drive from a `source`: a planned motion, torque(t) or torque(t, q, v).
 
         A Drive is returned unchanged.
 

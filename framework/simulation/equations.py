@@ -51,7 +51,7 @@ def stack_states(states: Sequence[State]) -> State:
 
 
 class Tangent(NamedTuple):
-    """The left side of the equations at T states with its derivatives, and the m loop equations."""
+    """The equations linearised at T states: left side with derivatives, and the m loop equations."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v [N m, N]
     by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q
@@ -115,10 +115,13 @@ class EquationsOfMotion:
         return force
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
-        """Compute all terms and their derivatives at q (T, nq), v (T, nv) and a (T, nv).
+        """Linearise the equations at q (T, nq), v (T, nv) and a (T, nv).
 
         For the tree without loops pinocchio computes the frames, M a + c + g with its derivatives, and M.
         Rotors, springs and dampers are added here.
+
+        Returns:
+            The left side with its derivatives by q, v and a, and the loop equations.
         """
         model, scratch = self.robot.model, scratch_of(self.robot)
         data = scratch.data
@@ -127,7 +130,7 @@ class EquationsOfMotion:
         by_q, by_v, mass = np.empty((3, T, nv, nv))
 
         def compute(k: int) -> pin.Model:
-            """Compute the terms of the tree at state k; return the model for its frames."""
+            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             force[k] = data.tau
             by_q[k] = data.dtau_dq
@@ -136,6 +139,7 @@ class EquationsOfMotion:
             return model
 
         frames = collect_frames(scratch, q, compute)
+        # rotors, springs and dampers act on single joints, so their matrices are diagonal
         diagonal = range(nv)
         mass[:, diagonal, diagonal] += self.rotors
         by_q[:, diagonal, diagonal] += self.stiffness
@@ -146,7 +150,7 @@ class EquationsOfMotion:
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
     def tangent_at_rest(self, q: Array) -> Tangent:
-        """Compute all terms and derivatives at one configuration q (nq,) at rest, T = 1."""
+        """Linearise the equations at one configuration q (nq,) without motion, T = 1."""
         rest = np.zeros((1, self.robot.nv))
         return self.tangent(q[None], rest, rest)
 

@@ -163,7 +163,7 @@ class FixedStep(NamedTuple):
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,) under the torque in their middle.
+    """Yield steps of `Stepper` between the instants `edges` (K + 1,) under the torque in their middle.
 
     A feedback torque responds to the state at the beginning of a step, as a digital controller does. External
     wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
@@ -184,7 +184,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
         if drive.world.acts:
             world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
         end = stepper.step(q, v, torque, h, world=world)
-        mean = 0.5 * (v + end.v)
+        mean = 0.5 * (v + end.v)  # (nv,)
         supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
         dissipated = mean**2 @ task.equations.damping
         yield FixedStep(end, float(supplied - dissipated))
@@ -234,7 +234,8 @@ def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
     """Estimate the error [rad, robot lengths] that fixed steps of order 2 accumulate.
 
-    The truncation error of a step of length h is h^3 / 12 times the third derivative of q. The third
+    It is the sum of the truncation errors of all steps, for the coordinate of the largest sum. The truncation
+    error of a step of length h is h^3 / 12 times the third derivative of q. The third
     derivative is the second difference of the velocities v (K + 1, nv), divided by h^2. The estimate does not
     include the growth of errors along an unstable motion.
     """
@@ -320,6 +321,7 @@ class ContactDynamics:
                 second.placement,
                 pin.ReferenceFrame.LOCAL,
             )
+            # Baumgarte stabilisation of the gap e: e" + Kd e' + Kp e = 0 is critically damped
             gains = contact.m_baumgarte_parameters
             gains.Kp = 1 / closing**2
             gains.Kd = 2 / closing
@@ -374,13 +376,15 @@ def explicit_steps(
 
     Args:
         dynamics: the robot, which computes accelerations.
+        drive: motor torques and external wrenches.
         start: the state at the first of the instants.
     """
     from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
 
     equations = dynamics.equations
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
-    # torques that depend on time alone are computed for all stages at once
+    # torques that depend on time alone are computed for all stages at once, `motors` (K, stages, nv);
+    # by rounding the last stage may lie beyond the end
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, -1)
 
@@ -403,6 +407,7 @@ def explicit_steps(
             q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]), 2)
             force = force_at(k, i, q, v)
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
+            # the weights B have the sum 1, so this is the mean power over the step
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
         # of q, by the embedded method of order 5, which gives the slope at the end of the step no weight

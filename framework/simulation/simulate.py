@@ -104,12 +104,13 @@ class Simulation(ReadOnlyArrays):
         return self.robot.platform.coordinates(frames)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers of the result, for JSON."""
+        """Return method, errors, steps, events and computing time of the result, for JSON."""
         errors = ("tracking_error", "turning_error", "closure_error", "energy_error")
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
             **select_fields(self, "method", "duration", *errors),
+            # null if the estimate has overflowed, as JSON has no infinity
             "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
             "steps": self.steps,
             "events": [{"name": event.name, "time": event.time} for event in self.occurrences],
@@ -191,7 +192,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
 
-    # the divisor: the energy exchanged, at least its rounding
+    # the divisor: the energy exchanged, at least the rounding of a typical work
     gravity = np.linalg.norm(robot.model.gravity.linear)
     duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
     acceleration = gravity + robot.length / duration**2
@@ -203,20 +204,22 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     """Compute the largest residual [m or rad] of all loop equations at times (T,) [s] and q (T, nq).
 
-    Redundant loop equations are included: they were not integrated, but must hold as well.
+    Redundant loop equations are included: the simulation leaves them out, because they follow from the others
+    at the reference. They must hold along the whole motion.
 
     Raises:
         NotAssembled: a loop equation opens that was redundant at the reference.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    dropped = robot.structure.dropped
-    integrated = gaps[:, robot.structure.independent]
-    # a dropped equation follows from the others, so it may be open by some multiple of their gaps
-    allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
-    torn = gaps[:, dropped] > allowed  # (T, redundant equations)
-    if torn.any():
-        instant = int(np.argmax(torn.any(axis=1)))
-        row = int(dropped[np.argmax(torn[instant])])
+    redundant = robot.structure.dropped  # indices of the rows
+    largest_independent = gaps[:, robot.structure.independent].max(initial=0.0)
+    # A redundant row is a combination of independent ones, so their gaps may add up in it: the factor 10 is a
+    # margin for that. Frames that are rounded in the robot file open it, too.
+    allowed = FILE_ROUNDING * robot.row_lengths[redundant] + 10 * largest_independent
+    is_torn = gaps[:, redundant] > allowed  # (T, redundant rows)
+    if is_torn.any():
+        instant = int(np.argmax(is_torn.any(axis=1)))  # the first
+        row = int(redundant[np.argmax(is_torn[instant])])
         raise NotAssembled(
             f"{robot.name}: the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
             f"equations at the reference, is open by {gaps[instant, row]:.3g} m or rad at t = "
@@ -233,8 +236,8 @@ def _path_errors(
     """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq).
 
     Returns:
-        The largest distance [m] of the platform from its plan, and the largest angle [rad] or None. For a
-        platform that only turns the angle stands alone, in the first place.
+        The largest distance [m] of the platform from its plan, or the largest angle [rad] if it only turns;
+        the largest angle [rad] if it both moves and turns, else None.
     """
     x = planned.platform(np.minimum(times, planned.duration))  # (T, n)
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
@@ -389,6 +392,8 @@ def _consistent_start(
     Without both it is the assembled reference at rest.
 
     Args:
+        drive: motor torques and external wrenches, which massless parts balance.
+        planned: the planned motion, or None.
         start, start_velocity: q (nq,) and v (nv,) of the caller, or None.
     """
     robot = equations.robot

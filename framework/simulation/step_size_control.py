@@ -54,6 +54,7 @@ def collocate(
     `CollocationStep.unresolved` reports.
 
     Args:
+        drive: motor torques, whose breaks are ends of steps, and external wrenches.
         stages: number of nodes of a step.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         longest: largest length of a step [s], except to bridge a singularity.
@@ -105,7 +106,7 @@ def _step_lengths(
         remaining: time to go until the torque may jump [s].
         shortest: length below which no step is tried [s].
     """
-    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]
+    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]  # emptied once they are tried
     yield _divide_evenly(length, remaining), 1.0
     while (length := length / 2) >= shortest:
         if length < usual / BRIDGED_SHORTENING:
@@ -130,6 +131,8 @@ def _try_step(
     """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
+        equations: of the step.
+        previous: the previous step; None after a break of the torque.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         leniency: factor on this part for a bridging step.
 
@@ -146,14 +149,14 @@ def _try_step(
 def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
     """Return the largest admissible defect of a step: the tolerance and the rounding of its motion.
 
-    Both are in rad and robot lengths. The motion is estimated from the slopes of the step.
+    Both are in rad and robot lengths. The motion is the step's length times its offset rates.
     """
-    motions = step.length * np.abs(step.slope / equations.robot.column_scale)
+    motions = step.length * np.abs(step.offset_rate / equations.robot.column_scale)
     return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
 
 
 def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return the factor on the length of the next step.
+    """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
@@ -176,7 +179,7 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
-    """Return the state at the end of a step, with the velocity projected onto the loops."""
+    """Return the state at the end of a step, with a velocity that the loops allow."""
     tangent = equations.tangent_at_rest(step.q[-1])
     return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
 
@@ -184,10 +187,10 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of this length [s].
+    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of `length` [s].
 
-    They are extrapolated from the previous step by its first Legendre coefficients, because the last ones
-    would grow too fast outside of it. Without a previous step they are zero.
+    The first Legendre coefficients of the previous step are extrapolated. The last ones are left out, because
+    their polynomials grow too fast outside of the step. Without a previous step the guess is zero.
     """
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))

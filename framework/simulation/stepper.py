@@ -16,7 +16,7 @@ Sources: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebr
 Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
 
 Arrays have a row for each of R runs. Each run may have its own robot (another payload, other lengths, other
-springs) if joints and loops are the same . All schemes take the generalised forces `driven`
+springs) if joints and loops are the same. All schemes take the generalised forces `driven`
 (R, nv) of motors and world, which are constant over the step.
 """
 
@@ -244,10 +244,9 @@ class Stepper:
         implicit_mass = self._implicit_mass(terms.mass, 0.5 * h)
 
         loop_rate = matvec(terms.jacobian, v)  # (R, m)
-        drift = self.drift(
-            terms
-        )  # (R, m) second time derivatives of the loop equations without accelerations
-        # residuals (R, m) at q, by a Taylor series from the middle back to the start
+        # (R, m) second time derivatives of the loop equations without accelerations
+        drift = self.drift(terms)
+        # residuals (R, m) at q, by a Taylor series over -h/2 from the middle back to the start
         gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
 
         # the two solutions differ in the bias forces, and in the drift of the loops
@@ -304,17 +303,19 @@ class Stepper:
             start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
         """
-        whole, closing_rate = self._step_by_euler(start, driven, h)
+        whole, closing_rate = self._step_by_euler(start, driven, h)  # rate (R, m) of the loop equations
         half, _ = self._step_by_euler(start, driven, 0.5 * h, closing_rate)
         halves, _ = self._step_by_euler(half, driven, 0.5 * h, closing_rate)
         robot = self.robot
-        correction = difference(robot, whole.q, halves.q)  # 2 halves - whole is halves + (halves - whole)
+        # configurations have no multiples, so 2 halves - whole is computed as halves + (halves - whole)
+        correction = difference(robot, whole.q, halves.q)  # (R, nv)
         return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
     def _implicit_mass(self, mass: Array, d: float) -> Array:
-        """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
+        """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, d in [s].
 
         K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
+        The time d is half of the step, or the step, see the header.
         """
         matrix = mass.copy()
         diagonal = range(mass.shape[1])
@@ -326,7 +327,7 @@ class Stepper:
     def _models(self, runs: int) -> list[pin.Model]:
         """Return the pinocchio model of each of R runs."""
         models = [equations.robot.model for equations in self.equations]
-        return models if len(models) > 1 else models * runs
+        return models if len(models) > 1 else models * runs  # one robot may have any number of runs
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
@@ -338,7 +339,7 @@ class Stepper:
         twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
-            """Compute the terms of the tree in run k; return the model for its frames."""
+            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
             mass[k] = pin.crba(models[k], scratch.data, q[k])
             bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]

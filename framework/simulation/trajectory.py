@@ -34,8 +34,8 @@ class Polynomials:
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate q (T, nq) and v (T, nv) at times t (T,) [s].
 
-        The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
-        interpolates the start and the nodes.
+        The tangent offset from the start of a step is the integral of the polynomial through its rates at the
+        nodes. The velocity interpolates the start and the nodes.
         """
         index = _step_index(self.edges, t)  # (T,) of the step that contains each time
         table = self.steps[0].table
@@ -46,7 +46,7 @@ class Polynomials:
         for k in np.unique(index):
             step = self.steps[k]
             is_inside = index == k
-            offset_series = step.length * table.to_integral_series @ step.slope
+            offset_series = step.length * table.to_integral_series @ step.offset_rate
             velocity_series = table.to_series_with_start @ np.vstack([step.start_velocity, step.v])
             offset[is_inside] = basis[is_inside] @ offset_series
             v[is_inside] = basis[is_inside] @ velocity_series
@@ -70,7 +70,7 @@ class Cubics(ReadOnlyArrays):
         derivative with respect to u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and
         c_3 = h v_0 + h v_1 - 2 d.
         """
-        k = _step_index(self.edges, t)
+        k = _step_index(self.edges, t)  # (T,) step that contains each time
         h = np.diff(self.edges)[k][:, None]
         u = (t - self.edges[k])[:, None] / h
         d = difference(self.robot, self.q[k], self.q[k + 1])  # (T, nv)
@@ -112,7 +112,7 @@ class Event:
 
     function: Callable[[float, Array, Array], float]
     name: str = "event"
-    terminal: bool = False
+    terminal: bool = False  # whether a zero ends the simulation
     direction: int = 0
 
 
@@ -133,13 +133,14 @@ def occurrences(
     samples: int,
     last_values: dict[Event, float],
 ) -> list[Occurrence]:
-    """Find the events of one step in order of time, up to the first terminal event.
+    """Find the events of one step in order of time, the first terminal event last.
 
     Each function is evaluated at `samples` equidistant instants after the start of the step. A change of its
     sign brackets a zero. If a function has two zeros between neighbouring instants, both are missed.
 
     Args:
         step: the motion of this step alone.
+        samples: number of intervals of the step in which zeros are looked for.
         last_values: value of each function at the end of the previous step, which is the start of this one;
             updated here.
     """
@@ -179,7 +180,8 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
         q, v = trajectory(np.array([t]))
         return _event_value(event, t, q[0], v[0])
 
-    if value(begin) * value(end) > 0.0:  # the sign changed by rounding, from the end of the previous step
+    # the value at `begin` was computed from the end of the previous step; rounding gave it the other sign
+    if value(begin) * value(end) > 0.0:
         return float(begin)
     return float(brentq(value, begin, end, xtol=np.spacing(end)))
 

@@ -285,6 +285,7 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
             if drive.is_motor and gear:
                 actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=drive.torque_limit))
             if has_dynamics:
+                # before the gear the coordinate is gear * (arm q + constant): subtract its constant part
                 rest = drive.dynamics.rest - drive.gear * constant
                 reflected = replace(drive.dynamics, rest=rest).reflect_through(gear)
                 tree.dynamics[joint] = tree.dynamics.get(joint, JointDynamics()) + reflected
@@ -295,7 +296,7 @@ def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[s
     """Express a length sum(arm q) by joints that follow no other.
 
     A joint that follows another by a coupling is replaced by q = ratio q_of + offset, a fixed joint by its
-    position.
+    position. Offsets and fixed positions add up to a constant: length = sum(arm q) + constant.
 
     Args:
         arms: moment arm of each joint.
@@ -381,7 +382,7 @@ def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
 
 
 def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None:
-    """Return the platform that options and file state; None if frame or axes are open."""
+    """Return the stated platform: the file's, overridden by options; None unless frame and axes are known."""
     frame = options.platform
     joints = options.platform_joints
     platform = partial.platform
@@ -400,9 +401,11 @@ def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None
 
 
 def merge_reference(options: Options, names: Sequence[str], own: Mapping[str, float]) -> dict[str, float]:
-    """Override the file's `own` reference [rad, m] by that of the options.
+    """Return the reference positions [rad, m] of a file, overridden by the options.
 
-    `names` are the coordinates that a reference may name.
+    Args:
+        names: coordinates that a reference may name.
+        own: reference of the file, by coordinate.
 
     Raises:
         RobotFileError: the options name another coordinate.

@@ -160,7 +160,7 @@ class _Model:
             self.sites.append(self.tree.add_frame(site, self.bodies[compiled.site_bodyid[k]], origin))
 
     def name(self, kind: str, number: int) -> str:
-        """Return the name of an element of a kind; "" without one."""
+        """Return the name of the element of a kind, such as "body", with a number; "" without one."""
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
@@ -220,10 +220,10 @@ class _Model:
 
         Args:
             kind: "joint" or "tendon".
-            number: of the joint or tendon.
+            number: index of the joint or tendon in the compiled model; negative for none.
         """
         model = self.compiled
-        if number < 0:  # MuJoCo's number for no second joint or tendon
+        if number < 0:  # an equality of a single joint or tendon has no second one
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
@@ -232,6 +232,7 @@ class _Model:
         parts = slice(start, start + model.tendon_num[number])
         if any(member_name("mjtWrap", part) != "mjWRAP_JOINT" for part in model.wrap_type[parts]):
             return None
+        # in the part of a fixed tendon, wrap_objid is the joint and wrap_prm its constant moment arm
         names = [self.joints[j].name for j in model.wrap_objid[parts]]
         return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
 
@@ -275,7 +276,8 @@ class _Model:
         """Read equality k of joints or tendons (`kind`), as a coupling or a fixed joint.
 
         The lengths, measured from the zero pose, satisfy first = offset + ratio * second, besides higher
-        powers, which are not read. In moment arms this is sum(arm q) = offset.
+        powers, which are not read. As lengths are sums of moment arm times coordinate q, this is the equation
+        sum(arm q) = offset with the arms of first - ratio * second.
         """
         model = self.compiled
         tree = self.tree

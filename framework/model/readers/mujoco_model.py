@@ -95,7 +95,10 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
-    """Zero the effects in the compiled model that flags of the file disable; refuse disabled loops."""
+    """Zero the effects in the compiled model that flags of the file disable; refuse disabled loops.
+
+    `mujoco` is the package, here and below, which is imported only where it is needed.
+    """
     disabled = [
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
@@ -147,7 +150,7 @@ def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete elements that no motion needs; yield actuators that a plugin drives."""
+    """Delete elements of the specification that no motion needs; yield actuators that a plugin drives."""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             spec.delete(geom)

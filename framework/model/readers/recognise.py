@@ -131,7 +131,7 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file and its URDF in the dialect that the keys of the YAML show.
+    """Read a YAML file and its URDF, in the dialect that the keys of the YAML belong to.
 
     Args:
         path: of the YAML.

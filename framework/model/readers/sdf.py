@@ -37,8 +37,8 @@ from framework.model.documents import (
 from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf_scope import (
-    MODEL,
-    TRUE,
+    MODEL_FRAME,
+    TRUE_TEXTS,
     WORLD,
     Scope,
     add_models,
@@ -77,7 +77,7 @@ _UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "p
 # properties that joints of the tree can have, and closures cannot
 _TREE_PROPERTIES = ("dynamics", "limit", "mimic")
 _DYNAMICS_TAGS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
-# texts of the children of <inertial> that SDF takes by default, moments in the order of ENTRIES
+# texts of the children of <inertial> that SDF takes by default, moments in the order of INERTIA_ENTRIES
 _DEFAULT_INERTIA = {
     "mass": "1",
     "inertia/ixx": "1",
@@ -98,9 +98,8 @@ class _Joint(NamedTuple):
     kind: str  # one of the values of _KIND_OF_TYPE
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
-    motions: list[
-        NewJoint
-    ]  # of one freedom each, in the joint's frame; one without an axis if fixed or a ball
+    # of one freedom each, in the joint's frame; a fixed joint or a ball has one motion, without an axis
+    motions: list[NewJoint]
     dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain_from(self, link: str) -> tuple[list[NewJoint], str, Array]:
@@ -199,7 +198,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
 
 
 def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
-    """Return the two links of a joint, the parent first; refuse types that are not known."""
+    """Return the two links of the joint `name`, the parent first; refuse types that are not known."""
     joint = scope.joints[name]
     where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
@@ -212,10 +211,15 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Make a joint with its motions and its placement in each link; `links` are the parent and the child."""
+    """Make the joint `name` with its motions and its placement in each link.
+
+    `links` are the parent and the child.
+    """
     element = scope.joints[name]
     kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
-    on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
+    # placements of the joint in the world, as the child and the parent carry it; they differ where the parent
+    # end is a frame of its own
+    on_child = scope.placement_of(f"joint {name}")
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
@@ -259,10 +263,10 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     axis = parse_axis(where, joint.findtext(f"{tag}/xyz", "0 0 1"))
     xyz = joint.find(f"{tag}/xyz")
     expressed_in = None if xyz is None else xyz.get("expressed_in")
-    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE
+    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE_TEXTS
     if not expressed_in and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
-    frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL)
+    frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL_FRAME)
     to_world = scope.placement_of(frame)[:3, :3]
     from_joint = scope.placement_of(f"joint {name}")[:3, :3]
     return from_joint.T @ to_world @ axis
@@ -299,7 +303,10 @@ def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 
 
 def _joints_of_main_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the largest connected part with a loop, else of the largest part."""
+    """Return the joints of the largest connected part with a loop, else of the largest part.
+
+    Sizes are numbers of joints. Links that no joint connects with this part, such as scenery, are left out.
+    """
     ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
@@ -333,13 +340,13 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
             joint.kind in ("universal", "spherical"),  # which saves several joints of the tree
         )
 
-    # Kruskal's algorithm: a joint enters the tree if it joins two groups of links. Joints with weak reasons
-    # to cut come first
-    groups = {link: {link} for joint in joints for link in joint.links}
+    # Kruskal's algorithm: a joint enters the tree if it joins two groups of connected links. Joints with weak
+    # reasons to cut come first: False sorts before True.
+    groups = {link: {link} for joint in joints for link in joint.links}  # of each link
     chosen = set()
     for joint in sorted(joints, key=reasons_to_cut):
         first, second = (groups[link] for link in joint.links)
-        if first is not second:
+        if first is not second:  # the joint closes no loop: merge the groups
             first |= second
             groups |= dict.fromkeys(second, first)
             chosen.add(joint.name)
@@ -352,7 +359,7 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
     `tree_names` are the names of the joints in the tree.
     """
     root = Element("robot", name=name)
-    ends = {link for joint in joints for link in joint.links}
+    ends = {link for joint in joints for link in joint.links}  # links of the main part
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in ends]
     taken = {*links, WORLD}
@@ -365,7 +372,7 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
         for joint in tree_joints:
             if link not in joint.links:
                 continue
-            motions, outer, end = joint.chain_from(link)
+            motions, outer, end = joint.chain_from(link)  # joints, link behind them, its placement there
             if outer not in reached:
                 root.extend(chain_elements(link, motions, outer, end, taken))
                 reached.append(outer)

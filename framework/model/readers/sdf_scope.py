@@ -30,8 +30,8 @@ from framework.model.urdf_elements import local_name
 from framework.numerics.arrays import Array
 from framework.numerics.input import read_text
 
-WORLD, MODEL = "world", "__model__"  # SDF's names of the world's frame and of a model's own frame
-TRUE = ("true", "1")  # texts of true
+WORLD, MODEL_FRAME = "world", "__model__"  # SDF's names of the world's frame and of a model's own frame
+TRUE_TEXTS = ("true", "1")  # texts of true
 BALL_CONSTRAINT = "ball_constraint"
 _CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
 
@@ -42,7 +42,7 @@ class Scope:
 
     version: float  # of SDF
     # of each frame the frame to which its pose is relative, and the pose as a placement (4, 4)
-    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
+    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL_FRAME: (WORLD, np.eye(4))})
     attached: dict[str, str] = field(default_factory=dict)  # the link or frame that carries each frame
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)  # the attribute `scope` is the model's prefix
@@ -129,14 +129,15 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
         if poses := include.findall("pose"):
             remove_children(model, "pose")
             model.extend(poses)
-        add = add_content if include.get("merge") in TRUE else _add_model
+        add = add_content if include.get("merge") in TRUE_TEXTS else _add_model
         add(scope, model, file.parent, prefix, base)
 
 
 def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add a model and its content.
 
-    The names in the first model have no prefix; the names in all others begin with the name of the model.
+    The names in the first model of the world have no prefix, so that a file of one model keeps its names. The
+    names in all others begin with the name of the model.
 
     Args:
         folder: of the file, from which paths of included files start.
@@ -145,22 +146,25 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
     """
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
-    model_frame = f"{scoped}::{MODEL}"
-    is_first = base == WORLD and not prefix and not scope.links
+    model_frame = f"{scoped}::{MODEL_FRAME}"
+    is_first = base == WORLD and not prefix and not scope.links  # in the world, without a link before it
     inner = "" if is_first else f"{scoped}::"  # prefix of the model's content
     relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
     scope.relative[model_frame] = (relative_to, pose)
-    if is_first:
-        scope.relative[MODEL] = (model_frame, np.eye(4))
+    if is_first:  # its frame has the name without a prefix, too
+        scope.relative[MODEL_FRAME] = (model_frame, np.eye(4))
     add_content(scope, model, folder, inner, model_frame)
 
+    # the canonical link, by default the first, carries the frame of the model under all names of this frame
     links = [link for link in scope.links if link.startswith(inner)]
-    if links:  # one of them carries the frame of the model
+    if links:
         canonical = model.get("canonical_link")
         link = f"{inner}{canonical}" if canonical else links[0]
-        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL}", scoped), link)
+        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL_FRAME}", scoped), link)
         scope.relative.setdefault(scoped, (model_frame, np.eye(4)))
-    if frame := model.get("placement_frame"):  # the pose is that of this frame, not of the model
+
+    # with a placement frame the pose is that of this frame; the model's own follows from it
+    if frame := model.get("placement_frame"):
         in_model = invert_placement(scope.placement_of(model_frame)) @ scope.placement_of(f"{inner}{frame}")
         scope.relative[model_frame] = (relative_to, pose @ invert_placement(in_model))
 
@@ -194,28 +198,31 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
 
 
 def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None:
-    """Add a link, frame or joint of the model whose frame is `base`.
+    """Add a link, frame or joint to the scope, with pose and carrier.
 
-    Scoped names in the model begin with `prefix`.
+    Args:
+        prefix: of scoped names in the model of the element.
+        base: frame of this model, to which poses are relative by default.
     """
     tag = element.tag
     name = prefix + attribute(element, f"<{tag}>", "name")
     if name in (scope.joints if tag == "joint" else scope.relative):
         raise RobotFileError(f"duplicate {tag} {name!r}")
-    relative_to = base  # of a pose that does not say so itself
+    default_frame = base  # to which the pose is relative unless it names a frame
     if tag == "link":
         scope.links[name] = element
     elif tag == "frame":
         if attached_to := element.get("attached_to"):
-            relative_to = scoped_name(prefix, attached_to)
-        scope.attached[name] = relative_to
+            default_frame = scoped_name(prefix, attached_to)
+        scope.attached[name] = default_frame
     else:
-        element.set("scope", prefix)
+        element.set("scope", prefix)  # `end_name` reads the ends of the joint relative to it
         scope.joints[name] = element
-        relative_to = end_name(element, "child")
-        scope.attached.setdefault(name, relative_to)
-    pose = _read_pose(element, prefix, relative_to, f"{tag} {name!r}")
-    if tag == "joint":  # a joint may have the name of a link or frame
+        default_frame = end_name(element, "child")
+        scope.attached.setdefault(name, default_frame)
+    pose = _read_pose(element, prefix, default_frame, f"{tag} {name!r}")
+    # a joint may have the name of a link or frame, so its pose has a key of its own, too
+    if tag == "joint":
         scope.relative[f"joint {name}"] = pose
     scope.relative.setdefault(name, pose)
 
@@ -278,5 +285,5 @@ def read_placement(pose: Element | None, where: str) -> Array:
     if has_quaternion:
         x, y, z, w = orientation
         return placement(from_quaternion(w, x, y, z), position)
-    in_degrees = pose.get("degrees") in TRUE
+    in_degrees = pose.get("degrees") in TRUE_TEXTS
     return placement(from_rpy(np.radians(orientation) if in_degrees else orientation), position)

@@ -70,7 +70,7 @@ from framework.model.documents import (
 from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import close_joint
-from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE, WORLD, Scope, add_content
+from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE_TEXTS, WORLD, Scope, add_content
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
@@ -225,7 +225,11 @@ def read_urdf(
 ) -> ParsedRobot:
     """Read the robot in a URDF with loops.
 
-    `beside` is the content of a loop_closures.yaml, by default of the one near the file.
+    Args:
+        file: of the URDF.
+        root: of its XML, which is changed.
+        options: complete and override the file.
+        beside: content of a loop_closures.yaml, by default of the one near the file.
 
     Raises:
         RobotFileError: the file is malformed or has no loop; the message names the element.
@@ -234,7 +238,7 @@ def read_urdf(
     independent = [  # before UrdfTree removes the attribute
         joint.get("name", "")
         for joint in root.findall("joint")
-        if joint.get("independent", "").lower() in TRUE
+        if joint.get("independent", "").lower() in TRUE_TEXTS
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))

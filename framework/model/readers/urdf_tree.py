@@ -140,10 +140,11 @@ def _unused_parts(element: Element, tag: str) -> Iterator[str]:
 
 
 def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
-    """Merge groups with common members; order the unions by the last group of each."""
+    """Merge groups with common members; order the unions by the last group in each."""
     unions: list[list[str]] = []
     union_of: dict[str, list[str]] = {}
     for members in map(list, groups):
+        # members of the unions so far that have a member in common with this group
         shared = [name for member in members for name in union_of.get(member, ())]
         union = list(dict.fromkeys([*shared, *members]))
         unions.append(union)

@@ -208,5 +208,7 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     if duration is not None:
         y = program.space.adjust(y, program.conditions, duration)
     stretch = program.problem.task.stretch
-    law = OptimalLaw(y, specification.smoothness, duration or 0.0, stretch.at, tuple(program.basis.cells))
+    law = OptimalLaw(
+        y, specification.smoothness, duration or 0.0, stretch.dense_at, tuple(program.basis.cells)
+    )
     return Best(law, search, program.evaluate_speed(y)._replace(floor=speed.floor))
