@@ -139,14 +139,15 @@ class LinearBalance:
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
+        # the terms of rest are linear in the deflections, and do not depend on the scalars
         unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
         y = self._least_change(F, self.rest @ unknowns[:, None])
         predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
 
-    def follow(self, F: Array) -> Array:
-        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance and preserve rest."""
+    def cancel_changes(self, F: Array) -> Array:
+        """Compute changes (C + k, n) of the unknowns that cancel changes F (T n_e, n) and preserve rest."""
         at_rest = np.zeros((len(self.rest), F.shape[1]))
         return self._least_change(F, at_rest) / self.sizes[:, None]
 
@@ -301,8 +302,8 @@ class BalanceEquations:
             return matvec(to_F, forces_of_neighbour(self.branch.robot, state.balance, prescribed)).ravel()
 
         slopes = np.zeros((state.balance.F.size, len(self.steps)))
-        for k, (more, less) in enumerate(self._neighbours):
-            slopes[:, k] = (balance_under(more) - balance_under(less)) / (2.0 * self.steps[k])
+        for k, (forward, backward) in enumerate(self._neighbours):
+            slopes[:, k] = (balance_under(forward) - balance_under(backward)) / (2.0 * self.steps[k])
         return slopes
 
     @cached_property
@@ -313,7 +314,7 @@ class BalanceEquations:
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
-        Rows are the rate and the acceleration of each spring at both ends of the motion, over its largest.
+        Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
         There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
         then springs that do not vibrate are not at rest either.
         C is the number of coefficients of the series, k that of the law's scalars.
@@ -331,9 +332,10 @@ class BalanceEquations:
         rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
+        # a spring that hardly moves counts by the largest motion of all springs
         weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
+        weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION  # accelerations may be larger at the ends
         # order o, end p, spring e; spline s of spring f: each spring depends on its own coefficients alone
-        weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION
         by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))
         return np.pad(by_series.reshape(-1, state.series.size), ((0, 0), (0, len(self.steps))))
 

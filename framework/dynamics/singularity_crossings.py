@@ -51,7 +51,7 @@ def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> 
             if not 0 < k < len(edges) - 1:  # the ends of the motion stay
                 continue
             narrower_width = min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
-            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:
+            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:  # shift well beyond the crossing
                 edges[k] = t + 3.0 * EDGE_CLEARANCE * narrower_width
     else:
         crossings = np.sort(np.fromiter(avoid, dtype=float))

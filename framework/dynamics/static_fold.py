@@ -144,7 +144,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
 
 
 def _turning_compliance(first: _CurvePoint, second: _CurvePoint) -> float | None:
-    """Interpolate log eps between two points by a parabola; return its largest eps, or None from 1 on.
+    """Interpolate log eps between two points by a parabola; return its largest eps, None if not below 1.
 
     A parabola over the arclength h with slopes a and -b at its ends rises by h a^2 / (2 (a + b)).
 

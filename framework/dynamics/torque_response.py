@@ -68,7 +68,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     F_y = per_term.F @ terms.by_y  # (T, n_e, n)
     linear = equations.linearise(state)
     # derivatives by y of the splines' coefficients and of the law's scalars
-    by_y = linear.follow(F_y.reshape(-1, F_y.shape[2]))
+    by_y = linear.cancel_changes(F_y.reshape(-1, F_y.shape[2]))
     series_by_y, scalars = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = per_term.torque @ terms.values[..., None]
@@ -127,7 +127,7 @@ class _Coefficients(NamedTuple):
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Coefficients:
     """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
 
-    The four (z, u) are those of `_split_terms`.
+    Four pairs determine the four coefficients of 1, z, u and z^(1/2).
 
     Args:
         equations: the equations of balance.

@@ -264,10 +264,10 @@ def _ratio_text(ratio: float | None) -> str:
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return the advice to raise limits of torque and speed, in words.
+    """Return the advice to raise limits, such as "torque_limit 5 N m with speed_limit 2 rad/s would do".
 
     Args:
-        limits: the advised limits (n_a,), by the name of their option.
+        limits: the advised limits (n_a,), motor side, by the name of their option; all are needed together.
     """
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())

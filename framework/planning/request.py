@@ -158,7 +158,10 @@ class Request(PlanOptions):
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
 
     def _check_optimal(self) -> None:
-        """Refuse options that contradict the optimal law; advise the change that corrects the request."""
+        """Refuse options that contradict the optimal law; advise the change that corrects the request.
+
+        There is no advice if the duration is missing: only the user can choose one.
+        """
         if self.times is not None:
             raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
                 {"times": None, "speeds": None}

@@ -364,7 +364,14 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the stated law of a duration [s].
+    """Return the law that plan.json states.
+
+    Args:
+        stated: values of the part `law`. A polynomial has the key `chebyshev`, the coefficients of s(t). An
+            optimal law has its smoothness, and under `squared_speed` the coefficients of z; `dense_at` and
+            `cells` are the fields of `OptimalLaw`.
+        duration: [s].
+        request: the request that the plan answers.
 
     Raises:
         InvalidInput: the duration is invalid, or the law is less smooth than requested or smoother than

@@ -164,7 +164,8 @@ def solve_least_cost(
     """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
 
     A solver ends early or stalls if the optimum is far from 1. Units are therefore replaced by those of the
-    optimum until the two are within MAX_UNIT_RATIO. If the solver gives up, units of a quicker law follow.
+    optimum until both agree within a factor of MAX_UNIT_RATIO. If the solver gives up, the units of a quicker
+    law are tried.
 
     Args:
         units: the first units; by default an estimate.
@@ -188,7 +189,7 @@ def solve_least_cost(
             else:
                 units = Units(0.5 * units.time, 2.0 * units.torque)
             continue
-        optimal = own_units(goal, speed, units)
+        optimal = optimum_units(goal, speed, units)
         # the cost is a time or a torque: only the unit of the cost needs correction
         new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
         if max(new / old, old / new) < MAX_UNIT_RATIO:
@@ -199,14 +200,17 @@ def solve_least_cost(
     return LeastCost(program, speed, optimal)
 
 
-def own_units(goal: str, speed: Speed, units: Units) -> Units:
-    """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
+def optimum_units(goal: str, speed: Speed, units: Units) -> Units:
+    """Return the units of time and torque in which an optimum's duration and torque are 1.
+
+    The torque is the root mean square for the goal "energy", and the peak for all others.
 
     Args:
         goal: goal of the program.
-        speed: the optimum, with its costs.
-        units: returned if the speed has no finite duration.
+        speed: the optimum, with its durations, peaks and energy.
+        units: returned if the optimum has no finite duration.
     """
+    # the solver sees the duration by the program's own quadrature, where it is an unknown
     time = speed.least_duration if np.isfinite(speed.least_duration) else speed.duration
     if not np.isfinite(time):
         return units
@@ -232,7 +236,7 @@ def _first_units(program: SpeedProgram) -> Units:
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
     time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
 
-    # inertia: torque over the reference per z, of the motor that needs most
+    # inertia [s^2]: torque over the reference per z, of the motor that needs most
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:

@@ -100,6 +100,7 @@ def conditions_at(
     if speed_places is None:
         speed_places = [point.s for point in points]
     speeds = task.request.speeds or ()
+    # without required speeds the places do not matter
     for s, speed in zip(speed_places, speeds, strict=bool(speeds)):
         sigma = float(task.phi.inverse(s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))

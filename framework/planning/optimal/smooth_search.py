@@ -374,16 +374,16 @@ class SmoothSearch(NamedTuple):
 
 
 def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
-    """Whether a law was found that takes at least a duration [s], and not forever."""
+    """Return whether a law was found that takes at least a duration [s], and not infinitely long."""
     return isinstance(law, Speed) and duration <= law.duration < np.inf
 
 
 def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) -> Array:
     """Return caps (m,) of z [1/s^2] with which an interval in sigma takes longer than a duration [s].
 
-    At the constant speed width / duration the interval takes exactly the duration; the cap of the speed is
-    0.7 of this. Caps are above the floor, so that the program has a solution. They are infinite where the law
-    does not wait.
+    At the constant speed width / duration the interval takes exactly the duration. The cap is 0.7 of this
+    speed, so that the interval takes even longer. Caps are 1 % above the floor, so that the program has a
+    solution. They are infinite where the law does not wait.
 
     Args:
         waits: mask (m,) of the interval.
