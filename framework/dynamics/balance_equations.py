@@ -260,7 +260,7 @@ class BalanceEquations:
         return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
-        """Compute derivatives of F = Y' load by the series and by the scalars.
+        """Compute derivatives of F = Y' load at a state, by the series and by the scalars.
 
         Returns:
             A sparse matrix (T n_e, C) by the series, and an array (T n_e, k) by the scalars.

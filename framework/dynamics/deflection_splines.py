@@ -43,7 +43,11 @@ class DeflectionSplines(ReadOnlyArrays):
 
     @staticmethod
     def uniform(panels: Array, count: int, *, continuity: int) -> DeflectionSplines:
-        """Divide panels with edges (panels + 1,) into about `count` cells of similar width."""
+        """Divide panels with edges (panels + 1,) into about `count` cells of similar width.
+
+        Args:
+            continuity: highest derivative that does not jump between panels; -1 if functions jump.
+        """
         shares = np.diff(panels) / (panels[-1] - panels[0])
         counts = np.ceil(count * shares).astype(int)
         starts = [
@@ -146,7 +150,7 @@ class DeflectionSplines(ReadOnlyArrays):
         knots = other.knots
         for knot in np.setdiff1d(self.cells, other.cells):
             k = int(find_intervals(knots, SPLINE_DEGREE, np.array([knot]))[0])
-            i = np.arange(k - SPLINE_DEGREE + 1, k + 1)
+            i = np.arange(k - SPLINE_DEGREE + 1, k + 1)  # coefficients that change; all others are kept
             share = ((knot - knots[i]) / (knots[i + SPLINE_DEGREE] - knots[i]))[:, None]
             mixed = share * series[i] + (1.0 - share) * series[i - 1]
             series = np.concatenate([series[: i[0]], mixed, series[k:]])

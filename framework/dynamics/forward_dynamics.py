@@ -77,12 +77,14 @@ def forward_dynamics(
             without mass are not in balance, or have neither mass nor spring. For a stack the message names
             the row.
     """
+    # stacks of T states, checked
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
     rates = stack_rows("v", v, robot.nv, count)
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
+
     at_rest = np.zeros((count, robot.nv))
     # the motion without accelerations, under the external wrenches
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)

@@ -75,7 +75,7 @@ def solve_balance(
     From deflections of zero, springs that cannot be solved for directly are softened stepwise.
 
     Args:
-        family: function that returns the law of scalars c (k,); the search begins at c = 0.
+        family: function that returns the law, as a `Clock`, of scalars c (k,); the search begins at c = 0.
         steps: (k,) half-widths of the central differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
 
@@ -106,9 +106,9 @@ def _continuity_at_knots(robot: ParallelRobot, clock: Clock) -> int:
     """Return the highest derivative of the deflections that does not jump at the knots of a path.
 
     Springs without inertia follow the forces and jump with them: -1. With inertia, also rates and
-    accelerations are continuous. They are required under optimal laws, whose springs are at rest at both
-    ends: 2. Under polynomials only the deflections are continuous: 0. Where the path has only two
-    derivatives, continuous accelerations would make the springs vibrate.
+    accelerations are continuous. This is required under optimal laws (`OnParameter`), whose springs are at
+    rest at both ends: 2. Under polynomials only the deflections are continuous: 0. Where the path has only
+    two derivatives, continuous accelerations would make the springs vibrate.
     """
     if not robot.elastic_inertia:
         return -1

@@ -438,6 +438,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
         return elastic_model().torque_with(coordinates) - elastic_model().first_torque
 
+    # springs of joints and of links, one effect each
     for part in ("joint", "link"):
         springs = [
             spring
@@ -448,6 +449,8 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         if springs:
             names = _list_names([spring.name for spring in springs])
             yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
+
+    # effects of the deflections of active springs, against the torques of the motion
     if robot.n_e and dynamics.geometry == "rigid":
         yield (
             "deformed geometry",

@@ -180,6 +180,7 @@ class DualProgram:
 
         A positive margin covers errors of the solver and of the series, so that the bound can be proved.
         """
+        # unknowns of torques, and of speed limits, damping and duration where they count
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:

@@ -153,8 +153,11 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     required = problem.demand(sigma)
     c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
     c = c + required.friction(problem.specification.friction)
+
+    # z and u as rows (M, n) on the coefficients of z
     z = basis.matrix(xi)
     u = diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    # the rows of each motor, bounded beside crossings
     torques = []
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
         matrix = diags_array(motor_cz) @ z + diags_array(motor_cu) @ u

@@ -112,11 +112,14 @@ def find_least_cost(
     """
     goal = problem.specification.goal
     cells = first_cells(problem) if cells is None else cells
+    # the least peak is within the torque limits, or a program with them is solved
     if goal == "peak_torque" and problem.specification.limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False, units=units)
         if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
             return unlimited
         return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
+
+    # solve on cells that are cut until the cost settles
     best: LeastCost | None = None
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
@@ -161,7 +164,7 @@ def solve_least_cost(
     torque_limits: bool = True,
     limit_share: float = 1.0,
 ) -> LeastCost | NoneFound:
-    """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
+    """Solve a program for its goal within a share of the limits, in units corrected by the optimum.
 
     A solver ends early or stalls if the optimum is far from 1. Units are therefore replaced by those of the
     optimum until both agree within a factor of MAX_UNIT_RATIO. If the solver gives up, the units of a quicker
@@ -186,7 +189,7 @@ def solve_least_cost(
                 return NoneFound(program, speed.status)
             if goal == "time":
                 units = units._replace(time=0.1 * units.time)
-            else:
+            else:  # inertial torques grow as the time gets shorter
                 units = Units(0.5 * units.time, 2.0 * units.torque)
             continue
         optimal = optimum_units(goal, speed, units)
@@ -270,6 +273,7 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
         return np.zeros(len(program.cells) - 1, dtype=bool)
     lowest = LOW_COEFFICIENT * np.median(y)
     low = np.flatnonzero(y <= lowest)
+    # three successive coefficients (n - 2, 3); low ones, which are cut anyway, are raised to `lowest`
     triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, lowest), 3)
     second_difference = np.abs(triples @ [1.0, -2.0, 1.0])
     first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))

@@ -210,6 +210,8 @@ class _ElasticSearch:
                 elif isinstance(failure, SearchEnded) or not self._try_nearer():
                     return self.best_motion
                 continue
+
+            # keep the motion if it is within the limits and better than the best one
             excess = limit_excess(motion.dynamics, self.task.specification)
             is_settled = motion is self.best_motion  # the new law costs no less
             if not is_settled and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
@@ -218,6 +220,8 @@ class _ElasticSearch:
                 self.best_motion = motion
                 report_result()
                 is_settled = self.balance is None or _has_predicted_peak(motion)
+
+            # end, or linearise about the motion and search again
             if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
             self._prepare_next(motion, excess)
@@ -297,6 +301,8 @@ class _ElasticSearch:
             duration = self.last_law.law.duration
         if duration is not None:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
+
+        # search; without a law as one series, begin with the stages of splines
         try:
             return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
         except (NoLaw, NotConverged):

@@ -222,6 +222,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
 
+    # a proof, if there is one, and what would help
     evidence = _search_remedies(problem, cells, least, is_held=holding is None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
