@@ -86,8 +86,8 @@ class Step(NamedTuple):
 class LinearBalance:
     """The linearised equations of balance and of rest, in unknowns multiplied by the sizes of columns.
 
-    The normal equations of balance are N = B'B + small^2 with derivatives B of F. Their part of the series is
-    banded; the scalars of the law are eliminated last.
+    The normal equations of balance are N = B'B + WEAK_COLUMN^2 with derivatives B of F. Their part of the
+    series is banded; the scalars of the law are eliminated last.
     """
 
     by_series: Any  # sparse (T n_e, C) derivatives of F by the series
@@ -102,7 +102,8 @@ class LinearBalance:
     def factorise(by_series: Any, by_scalars: Array, rest: Array) -> LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
-        Columns of the series smaller than their median are scaled by the median.
+        Columns of the series smaller than their median are scaled by the median, so that unknowns of little
+        effect on F stay weak.
 
         Args:
             by_series: sparse (T n_e, C) derivatives of F by the series; its entries are scaled in place.
@@ -159,7 +160,8 @@ class LinearBalance:
     def _least_change(self, F: Array, rest: Array) -> Array:
         """Solve for scaled changes y (C + k, n) that cancel F, and terms of rest if possible.
 
-        y_0 minimises |B y + F|^2 + small^2 |y|^2. Vibrations are added that minimise |R y + rest|.
+        First, y minimises |B y + F|^2 + WEAK_COLUMN^2 |y|^2. Then `vibrations`, which hardly change the
+        balance, are added so that they minimise |R y + rest|.
 
         Args:
             F: (T n_e, n) residuals of the balance.

@@ -237,6 +237,6 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     rows = diags_array(per_z) @ z + diags_array(per_slope) @ z_xi + diags_array(per_bend) @ z_xi_xi
     if problem.response is None:
         return Affine(rows, constant)
-    loaded = problem.response.scalars  # (k, n)
+    loaded = problem.response.scalar_slopes  # (k, n)
     matrix = vstack([csr_array(loaded), rows[len(loaded) :]], format="csr")
     return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))
