@@ -128,7 +128,7 @@ class LinearBalance:
     def vibrations(self) -> Array:
         """Orthonormal directions V (C + k, m) that change the balance by at most WEAK_COLUMN.
 
-        Inverse iteration on N from R' finds those that change the terms of rest.
+        Inverse iteration on N, begun with R', finds the directions that also change the terms of rest.
         """
         V = self._solve_normal(self.rest.T)
         V = self._solve_normal(np.linalg.qr(V)[0])

@@ -17,7 +17,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.banded_rows import BandedFactor, banded_rows
 from framework.numerics.splines import find_intervals, spline_values
 
-SPLINE_DEGREE = 13
+SPLINE_DEGREE = 13  # high, so that deflections which are smooth need few cells
 NODES_PER_SPLINE = 2  # more equations than unknowns: the least squares choose smooth deflections at Type 2
 
 

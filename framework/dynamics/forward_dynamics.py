@@ -70,7 +70,8 @@ def forward_dynamics(
             reactions of a state are the same alone and in a stack, to the last bit.
         v: (nv,) or (T, nv) [rad/s, m/s], as returned by `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
 
     Raises:
         InvalidInput: q or v opens the loops; an argument has the wrong shape; a frame is unknown; parts
@@ -163,7 +164,8 @@ def forward_derivatives(
         q: assembled configuration, as returned by `assemble`; or a stack of T states (T, nq).
         v: (nv,) or (T, nv) [rad/s, m/s] joint rates that keep the loops closed.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
         turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
             keep their components on base axes.
 

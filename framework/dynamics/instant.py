@@ -132,7 +132,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def velocity_matrices(self) -> VelocityMatrices:
-        """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
+        """The matrices A, B, C of A v = B dq_a + C dq_e, with the platform's twist v."""
         matrices, _rates = matrices_and_rates(self.robot, self._motion)
         return VelocityMatrices(*map(self._unstack, matrices))
 

@@ -415,7 +415,8 @@ def dynamics_derivatives(
     Args:
         q: assembled configuration, as returned by `assemble`; or a stack of T instants (T, nq).
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
 
     Raises:
         InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.

@@ -73,7 +73,7 @@ def find_best_law(
     If the search for the least duration or energy fails, the law of least peak is tried.
 
     Args:
-        cells: (k + 1,) edges in xi, which are refined; see `first_cells` for the default.
+        cells: (k + 1,) edges in xi, which are refined; by default, `first_cells` chooses them.
         share: share of the least cost by which the smooth law may exceed it.
         units: units of a similar program, from which the solution begins.
     """

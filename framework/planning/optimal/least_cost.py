@@ -17,7 +17,7 @@ from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
-FIRST_CELLS, MAX_CELLS = 60, 180
+FIRST_CELLS, MAX_CELLS = 60, 180  # of xi, for splines
 CELLS_PER_DEGREE = 0.5  # of a series
 # rounds of cutting cells; relative change of the cost below which the cost is settled
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
@@ -106,7 +106,7 @@ def find_least_cost(
     them.
 
     Args:
-        cells: (k + 1,) edges in xi, at first; see `first_cells` for the default.
+        cells: (k + 1,) edges in xi, at first; by default, `first_cells` chooses them.
         torque_limits: whether the torque limits of the specification hold.
         units: units of a similar program, from which the solution begins.
     """

@@ -58,7 +58,7 @@ from framework.tolerances import (
 TRUSTED_SHARES = (np.inf, 0.3, 0.1)
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
-ENERGY_SAMPLES = 2001
+ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
 SERIES_DEGREE = 40  # of z as one series

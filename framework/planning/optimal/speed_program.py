@@ -95,7 +95,7 @@ class SpeedProgram:
 
     problem: LawProblem
     basis: SpeedBasis
-    cells: Array  # (k + 1,) edges in xi of the cells that hold the points; those of the splines, if any
+    cells: Array  # (k + 1,) edges in xi of the cells with the points; also those of splines, if z has any
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
     rows: MotorRows  # at the points, then at crossings, then at further_xi
