@@ -1,8 +1,8 @@
 """Equations of balance for the coefficients of unknown deflections and of an unknown law.
 
-The unknowns are the deflections l, splines in the parameter of the law, and scalars c of the law. The
-residual F of `loaded_balance` is evaluated at more nodes than there are coefficients. A Gauss-Newton step
-solves
+The unknowns are the deflections l, splines in the parameter p of the law, and scalars c of the law. The
+residual F(l, c) = Y' load of `loaded_balance`, n_e equations at each node, is evaluated at more nodes than
+there are coefficients. A Gauss-Newton step solves
 
     F_l dl + F_l' dl' + F_l" dl" + F_c dc = -F
 

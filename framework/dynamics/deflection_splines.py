@@ -2,6 +2,7 @@
 
 Splines of a high degree converge almost as fast as one Chebyshev series, and each overlaps only with its
 neighbours. So the equations of balance are banded, and cells can be halved where deflections vary quickly.
+The parameter p is the time of a polynomial law, and xi(sigma) of an optimal law.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these."""
+"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these.
+
+q_e are the deflections of the springs, x the platform coordinates on the path, s(t) the law.
+"""
 
 from __future__ import annotations
 

@@ -163,6 +163,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     multipliers = balance.multipliers * loop_weights(robot)
     forces = force_changes(robot, motion, multipliers, changes)[:orders]
     in_units = forces[..., columns] * units * units[:n_e, None]
+    # from (orders, T, n_e, f) to (T, f, orders n_e): row by force, column by order and spring
     slopes = in_units.transpose(1, 3, 0, 2).reshape(len(motion.q), len(columns), orders * n_e)
     slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2  # K
     return slopes

@@ -1,4 +1,9 @@
-"""The instants at which a motion is in a Type 2 singularity, with t_s . W_p."""
+"""The instants at which a motion is in a Type 2 singularity, with t_s . W_p.
+
+There locked motors leave a motion of the joints uncontrolled, with joint rates eta and platform twist t_s.
+t_s . W_p = eta . r is the power in this motion of the forces r that the planned motion requires. Condition
+(8) sets this power to zero, which keeps the torques finite. g is a measure that vanishes at the singularity.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """The request of a plan: a record that checks its options when it is made, and its goal and limits.
 
-The last section has the sizes of a motion, with which limits and errors are compared.
+A law is s(t), the course of the path coordinate s from 0 to 1; s' is its rate. Crossings are the instants at
+which the robot is singular. The last section has the sizes of a motion, with which limits and errors are
+compared.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The best law of a problem: the smoothest law whose cost is hardly more than the least.
 
-The optimum is rarely unique, and a solver returns one with abrupt changes of speed. So the least cost is
-found first (`least_cost`), with squared speeds that may come arbitrarily near to zero. The smoothest law
-within a share of that cost follows, within all limits (`smooth_search`).
+A law is a squared speed z, with coefficients y in the parameter xi of the path (`speed_program`). The optimum
+is rarely unique, and a solver returns one with abrupt changes of speed. So the least cost is found first
+(`least_cost`), with squared speeds that may come arbitrarily near to zero. The smoothest law within a share
+of that cost follows, within all limits (`smooth_search`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,12 @@
 """Conditions on a law and motor torques along a path, as sparse rows on the coefficients of the law.
 
-Condition (8) is a sparse equality. Where it is not met, torques have a pole. A multiple of the condition is
-therefore subtracted from each torque row beside a crossing: the row stays bounded and sparse.
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2. Its coefficients y multiply
+functions of xi = stretch(sigma), which is steep at the crossings. Torques are affine in z and in
+u = d2 sigma/dt2 = z'/2.
+
+Condition (8) keeps torques finite at a crossing, and is a sparse equality on y. Where it is not met, torques
+have a pole. A multiple of the condition is therefore subtracted from each torque row beside a crossing: the
+row stays bounded and sparse.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """The least cost of a problem, whatever the smoothness of the law: on refined cells, in units of the optimum.
 
-Non-negative B-splines on cells of width h cannot come nearer to zero than h^2 z", nor follow a kink. Cells
-are therefore cut in two where coefficients are nearly zero or bend sharply, until the cost settles.
+A law is a squared speed z with coefficients y in xi(sigma), a parameter that is steep at the crossings; cells
+are intervals of xi. Non-negative B-splines on cells of width h cannot come nearer to zero than h^2 z", nor
+follow a kink. Cells are therefore cut in two where coefficients are nearly zero or bend sharply, until the
+cost settles.
 """
 
 from __future__ import annotations

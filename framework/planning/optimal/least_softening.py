@@ -7,8 +7,9 @@ the loaded robot has fallen to half of g. So deflections in balance need
 
     rho = -eps h / g <= 1/2        everywhere along the path.
 
-To first order h is affine in the squared speed z of the law and in its slope, and the law of least rho is the
-solution of a linear program. At a crossing rho is 0 / 0; -eps h g / (g^2 + delta^2) takes its place.
+To first order h is affine in the squared speed z = (d sigma/dt)^2 of the law and in u = z'/2, and the law of
+least rho is the solution of a linear program in the coefficients y of z. At a crossing rho is 0 / 0;
+-eps h g / (g^2 + delta^2) takes its place.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The best motion along a path: the law of a cone program, alternating with certified inverse dynamics.
 
-A rigid robot usually needs one round. An elastic robot cannot follow every law: its law is replaced by the
-nearest series with deflections in balance. About the resulting motion, torques are linear in the law. The
-next cone program uses this linear model, as long as the certified motion becomes better.
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2, splines or one series. A rigid robot
+usually needs one round. An elastic robot cannot follow every law: its law is replaced by the nearest series
+with deflections in balance. About the resulting motion, torques are linear in the law. The next cone program
+uses this linear model, as long as the certified motion becomes better.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The task of an optimal law: its specification, and its conditions where the robot is singular."""
+"""The task of an optimal law: its specification, and its conditions where the robot is singular.
+
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2; u = d2 sigma/dt2 = z'/2. Condition
+(8), t_s . W_p = 0, keeps torques finite at a crossing (`planning.condition`). It is affine in z and u.
+"""
 
 from __future__ import annotations
 

@@ -4,9 +4,9 @@ The search for a law takes dozens of cone programs with thousands of points. `Sa
 speeds there by Chebyshev series, which require the robot's equations at only some hundred poses. All torques
 have a pole at a crossing s_c, so that the series are those of torque (s - s_c).
 
-Bounds of all laws need error bounds and products, and so functions in Bernstein form, `PathSeries`. Over
-their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Their multipliers nu
-(m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
+Bounds of all laws need error bounds and products, and so functions in Bernstein form, `PathSeries`. A law
+s(t) has z = s'^2 and u = s" = z'/2. Over their reference, torques are c + cz z + cu u + d sqrt(z). Their
+multipliers nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 

@@ -1,5 +1,9 @@
 """The search for the smoothest law near the least cost, and for laws that take a given duration.
 
+A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma, with coefficients y. Its
+duration is T(z) = integral of z^(-1/2). Laws come from cone programs (`speed_program`) with a lower bound of
+z, the floor.
+
 The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
 the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
 below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D

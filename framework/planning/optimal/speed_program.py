@@ -1,7 +1,8 @@
 """The cone program of the best law along a path, in the squared speed z.
 
-z has B-spline coefficients y on cells of xi(sigma), and is positive everywhere if y >= floor > 0. The
-relations
+A law s = phi(sigma(t)) has z = (d sigma/dt)^2 and u = d2 sigma/dt2 = z'/2. The coefficients y of z multiply
+B-splines on cells of xi(sigma), or the functions of one Chebyshev series. Splines are positive everywhere if
+y >= floor > 0. The relations
 
     torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
                                   energy = integral of e,     e r >= |torque|^2
