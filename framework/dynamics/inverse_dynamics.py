@@ -1,7 +1,8 @@
 """Certified motor torques along a path under a given motion law, through Type 2 singularities.
 
-Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the torques are
-a quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
+Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the motors do not
+control the platform's twist t_s, along which the motion requires the force t_s . W_p. The torques are a
+quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
 smooth, and no node lies at the singular instant, so the series interpolate the quotient without special
 treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coefficients that do not decay.
 """

@@ -1,12 +1,13 @@
 """The effects that a motion's torques leave out, measured by another model on nearly the same motion.
 
-The other model has its own condition (8) and, with springs, its own singular points on the path. So the law
-is corrected by polynomials of least degree. The corrected law passes the model's singular points at the
-planned instants and speeds, with the accelerations that the model's condition (8) requires. The model's
-torques are then bounded, and their difference from the motion's is the effect that the motion leaves out.
-The corrections vanish at both ends, with as many derivatives as the laws of elastic robots if one of the two
-models has springs. A polynomial that is as smooth at its ends becomes the polynomial with which the model
-itself would be planned, for the same instants and speeds of the crossings.
+Condition (8) on s' and s" of a law s(t) keeps torques finite where the path is singular. The other model has
+its own condition (8) and, with springs, its own singular points on the path. So the law is corrected by
+polynomials of least degree. The corrected law passes the model's singular points at the planned instants and
+speeds, with the accelerations that the model's condition (8) requires. The model's torques are then bounded,
+and their difference from the motion's is the effect that the motion leaves out. The corrections vanish at
+both ends, with as many derivatives as the laws of elastic robots if one of the two models has springs. A
+polynomial that is as smooth at its ends becomes the polynomial with which the model itself would be planned,
+for the same instants and speeds of the crossings.
 
 `neglected_effects` lists the effects, each with the motor torque that it would add:
 

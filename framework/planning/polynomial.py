@@ -1,8 +1,8 @@
 """The law of the paper: one polynomial with given s, s' and s" at its crossings.
 
-The law is the path coordinate s as a function of time, with derivatives s' and s". Condition (8) gives s" at
-each crossing of a singular point. Times and speeds s' of the crossings that the user leaves open are chosen
-so that the law always advances.
+The law is the path coordinate s as a function of time, with derivatives s' and s". Condition (8), alpha s" +
+beta s'^2 + gamma + delta s' = 0, gives s" at each crossing of a singular point. Times and speeds s' of the
+crossings that the user leaves open are chosen so that the law always advances.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
 one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
 `planning.options` or `planning.request`. `planning.plan` adds the remedy. The code below the table has the
-records of the numbers on which a refusal rests, and the refusal of laws that turn back.
+records of the numbers on which a refusal rests, and the refusal of laws that turn back. Condition (8),
+alpha s" + beta s'^2 + gamma + delta s' = 0, keeps torques finite where the robot is singular.
 
 On the path, springs at rest:
 

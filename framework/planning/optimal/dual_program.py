@@ -387,9 +387,10 @@ class DualProgram:
 
     @cached_property
     def _mu_unit(self) -> Array:
-        """The unit (n,) of mu of each motor with a speed limit, in which mu . k in the factor is near p_unit.
+        """The unit (n,) of mu of each motor with a speed limit.
 
-        k are the squared speeds per z over their limits. A motor that never moves has the unit p_unit.
+        In this unit mu . k, a term of the factor, is near p_unit, with the squared speeds k per z over their
+        limits. A motor that never moves has the unit p_unit.
         """
         largest = self.series.squared_speed.coefficients.max(axis=(0, 1))
         return self.p_unit / np.where(largest > 0.0, largest, 1.0)

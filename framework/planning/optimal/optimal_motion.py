@@ -318,7 +318,7 @@ class _ElasticSearch:
         return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost_of_motion(self.task, self.best_motion)
 
     def _choose_smoother(self, failure: NoAnswer) -> None:
-        """Proceed to the next stage after a failure, and forget what was found at the last stage.
+        """Proceed to the next stage after a failure, without the results of the last stage.
 
         Raises:
             NoAnswer: no smoother law can help, or no stage is left.

@@ -152,9 +152,9 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
 
 
 class _Samples(NamedTuple):
-    """Torques c + cz z + cu u + d sqrt(z) over their reference, and speeds, at the nodes of k cells.
+    """Torques over their reference, and speeds, at the nodes of k cells.
 
-    m motors have a reference, n motors have a speed limit.
+    The torques of the m motors with a reference are c + cz z + cu u + d sqrt(z); n motors have a speed limit.
     """
 
     constant: Array  # (k, NODES, m) c, with the mean dry friction of each cell

@@ -129,7 +129,10 @@ class SpeedProgram:
 
     @cached_property
     def _inner_points(self) -> slice:
-        """The slice of the P inner points, all but the ends: only they have weights in integrals."""
+        """The slice of the P inner points, all but the ends.
+
+        The ends have the weight zero in integrals.
+        """
         return slice(1, len(self.xi) - 1)
 
     @property
