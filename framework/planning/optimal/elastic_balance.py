@@ -94,6 +94,7 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     """
     basis = SpeedBasis(np.array(ONE_CELL), SERIES_DEGREE + 1)
     xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
+    # rows of z / z_splines at xi on the coefficients of the series, fitted to 1
     ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
     y = np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0]
     space = SpeedSpace(basis, law.stretch)

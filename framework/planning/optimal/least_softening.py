@@ -51,7 +51,7 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         -softening.offset / largest,
     )
     positive = program.positive_rows
-    # a law must advance everywhere: z has a lower bound, as the solver cannot keep z > 0
+    # a law must advance everywhere; the program has no strict z > 0, but a lower bound
     above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
     optimum = solve_cone_program(
         ConeProgram(

@@ -67,7 +67,7 @@ class SmoothSearch(NamedTuple):
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
-        if self.goal == "time":  # the cost is the duration
+        if self.goal == "time":  # the cost is the duration, by the program's quadrature
             return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
         if longest is None:
             longest = self.duration_limit
@@ -75,7 +75,8 @@ class SmoothSearch(NamedTuple):
             longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
         if self.goal == "energy":
             return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
-        largest_peak = cost_factor * self.least.peak  # the cost of the other goals
+        # the cost of the other goals is the peak; a law within the torque limits stays within them
+        largest_peak = cost_factor * self.least.peak
         if specification.limited and self.least.peak <= 1.0:
             largest_peak = min(largest_peak, 1.0)
         return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
