@@ -1,8 +1,8 @@
 """Equations of balance for the coefficients of unknown deflections and of an unknown law.
 
-The unknowns are the deflections l, splines in the parameter of the law, and scalars c of the law. The
-residual F of `loaded_balance` is evaluated at more nodes than there are coefficients. A Gauss-Newton step
-solves
+The unknowns are the deflections l, splines in the parameter p of the law, and scalars c of the law. The
+residual F(l, c) = Y' load of `loaded_balance`, n_e equations at each node, is evaluated at more nodes than
+there are coefficients. A Gauss-Newton step solves
 
     F_l dl + F_l' dl' + F_l" dl" + F_c dc = -F
 
@@ -86,8 +86,8 @@ class Step(NamedTuple):
 class LinearBalance:
     """The linearised equations of balance and of rest, in unknowns multiplied by the sizes of columns.
 
-    The normal equations of balance are N = B'B + small^2 with derivatives B of F. Their part of the series is
-    banded; the scalars of the law are eliminated last.
+    The normal equations of balance are N = B'B + WEAK_COLUMN^2 with derivatives B of F. Their part of the
+    series is banded; the scalars of the law are eliminated last.
     """
 
     by_series: Any  # sparse (T n_e, C) derivatives of F by the series
@@ -102,7 +102,8 @@ class LinearBalance:
     def factorise(by_series: Any, by_scalars: Array, rest: Array) -> LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
-        Columns of the series smaller than their median are scaled by the median.
+        Columns of the series smaller than their median are scaled by the median, so that unknowns of little
+        effect on F stay weak.
 
         Args:
             by_series: sparse (T n_e, C) derivatives of F by the series; its entries are scaled in place.
@@ -127,7 +128,7 @@ class LinearBalance:
     def vibrations(self) -> Array:
         """Orthonormal directions V (C + k, m) that change the balance by at most WEAK_COLUMN.
 
-        Inverse iteration on N from R' finds those that change the terms of rest.
+        Inverse iteration on N, begun with R', finds the directions that also change the terms of rest.
         """
         V = self._solve_normal(self.rest.T)
         V = self._solve_normal(np.linalg.qr(V)[0])
@@ -139,14 +140,15 @@ class LinearBalance:
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
+        # the terms of rest are linear in the deflections, and do not depend on the scalars
         unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
         y = self._least_change(F, self.rest @ unknowns[:, None])
         predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
 
-    def follow(self, F: Array) -> Array:
-        """Compute changes (C + k, n) that cancel changes F (T n_e, n) of the balance and preserve rest."""
+    def cancel_changes(self, F: Array) -> Array:
+        """Compute changes (C + k, n) of the unknowns that cancel changes F (T n_e, n) and preserve rest."""
         at_rest = np.zeros((len(self.rest), F.shape[1]))
         return self._least_change(F, at_rest) / self.sizes[:, None]
 
@@ -158,7 +160,8 @@ class LinearBalance:
     def _least_change(self, F: Array, rest: Array) -> Array:
         """Solve for scaled changes y (C + k, n) that cancel F, and terms of rest if possible.
 
-        y_0 minimises |B y + F|^2 + small^2 |y|^2. Vibrations are added that minimise |R y + rest|.
+        First, y minimises |B y + F|^2 + WEAK_COLUMN^2 |y|^2. Then `vibrations`, which hardly change the
+        balance, are added so that they minimise |R y + rest|.
 
         Args:
             F: (T n_e, n) residuals of the balance.
@@ -259,7 +262,7 @@ class BalanceEquations:
         return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
-        """Compute derivatives of F = Y' load by the series and by the scalars.
+        """Compute derivatives of F = Y' load at a state, by the series and by the scalars.
 
         Returns:
             A sparse matrix (T n_e, C) by the series, and an array (T n_e, k) by the scalars.
@@ -301,8 +304,8 @@ class BalanceEquations:
             return matvec(to_F, forces_of_neighbour(self.branch.robot, state.balance, prescribed)).ravel()
 
         slopes = np.zeros((state.balance.F.size, len(self.steps)))
-        for k, (more, less) in enumerate(self._neighbours):
-            slopes[:, k] = (balance_under(more) - balance_under(less)) / (2.0 * self.steps[k])
+        for k, (forward, backward) in enumerate(self._neighbours):
+            slopes[:, k] = (balance_under(forward) - balance_under(backward)) / (2.0 * self.steps[k])
         return slopes
 
     @cached_property
@@ -313,7 +316,7 @@ class BalanceEquations:
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
-        Rows are the rate and the acceleration of each spring at both ends of the motion, over its largest.
+        Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
         There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
         then springs that do not vibrate are not at rest either.
         C is the number of coefficients of the series, k that of the law's scalars.
@@ -331,9 +334,10 @@ class BalanceEquations:
         rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
+        # a spring that hardly moves counts by the largest motion of all springs
         weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
+        weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION  # accelerations may be larger at the ends
         # order o, end p, spring e; spline s of spring f: each spring depends on its own coefficients alone
-        weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION
         by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))
         return np.pad(by_series.reshape(-1, state.series.size), ((0, 0), (0, len(self.steps))))
 

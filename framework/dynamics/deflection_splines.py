@@ -2,6 +2,7 @@
 
 Splines of a high degree converge almost as fast as one Chebyshev series, and each overlaps only with its
 neighbours. So the equations of balance are banded, and cells can be halved where deflections vary quickly.
+The parameter p is the time of a polynomial law, and xi(sigma) of an optimal law.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.banded_rows import BandedFactor, banded_rows
 from framework.numerics.splines import find_intervals, spline_values
 
-SPLINE_DEGREE = 13
+SPLINE_DEGREE = 13  # high, so that deflections which are smooth need few cells
 NODES_PER_SPLINE = 2  # more equations than unknowns: the least squares choose smooth deflections at Type 2
 
 
@@ -43,7 +44,11 @@ class DeflectionSplines(ReadOnlyArrays):
 
     @staticmethod
     def uniform(panels: Array, count: int, *, continuity: int) -> DeflectionSplines:
-        """Divide panels with edges (panels + 1,) into about `count` cells of similar width."""
+        """Divide panels with edges (panels + 1,) into about `count` cells of similar width.
+
+        Args:
+            continuity: highest derivative that does not jump between panels; -1 if functions jump.
+        """
         shares = np.diff(panels) / (panels[-1] - panels[0])
         counts = np.ceil(count * shares).astype(int)
         starts = [
@@ -146,7 +151,7 @@ class DeflectionSplines(ReadOnlyArrays):
         knots = other.knots
         for knot in np.setdiff1d(self.cells, other.cells):
             k = int(find_intervals(knots, SPLINE_DEGREE, np.array([knot]))[0])
-            i = np.arange(k - SPLINE_DEGREE + 1, k + 1)
+            i = np.arange(k - SPLINE_DEGREE + 1, k + 1)  # coefficients that change; all others are kept
             share = ((knot - knots[i]) / (knots[i + SPLINE_DEGREE] - knots[i]))[:, None]
             mixed = share * series[i] + (1.0 - share) * series[i - 1]
             series = np.concatenate([series[: i[0]], mixed, series[k:]])

@@ -1,4 +1,7 @@
-"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these."""
+"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these.
+
+q_e are the deflections of the springs, x the platform coordinates on the path, s(t) the law.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ class Pass(NamedTuple):
     """A motion with deflections on the time nodes, its forces, and the deflections caused."""
 
     law: MotionLaw
-    function: TimeFunction  # (n_e) deflections of the motion
-    q_e: Array  # (T, n_e) values of `function` at the nodes
+    deflections: TimeFunction  # (n_e) [rad, m] of the motion
+    q_e: Array  # (T, n_e) their values at the nodes
     motion: Motion
     forces: Forces
     caused: Array  # (T, n_e) deflections that the forces cause
@@ -33,35 +36,35 @@ class Pass(NamedTuple):
 
 
 def evaluate_pass(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
+    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
 ) -> Pass:
     """Compute motion and forces with given deflections, and the caused deflections -force/K.
 
     Args:
-        function: deflections (n_e) as a function of time.
+        deflections: deflections (n_e) as a function of time.
         neighbour: a pass with similar deflections, from whose configurations the loops are closed; None to
             close the loops from the branch.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    q_e, motion = evaluate_deflected_motion(branch, grid, law, function, neighbour)
+    q_e, motion = evaluate_deflected_motion(branch, grid, law, deflections, neighbour)
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
-    return Pass(law, function, q_e, motion, forces, caused)
+    return Pass(law, deflections, q_e, motion, forces, caused)
 
 
 def evaluate_deflected_motion(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
+    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
 ) -> tuple[Array, Motion]:
     """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid.
 
     Args:
-        function: deflections (n_e) as a function of time.
+        deflections: deflections (n_e) as a function of time.
         neighbour: a pass on the same grid with similar deflections, if available.
     """
-    deflections = grid.values(function)
-    return deflections[0], motion_with_deflections(branch, grid.times, law, deflections, neighbour)
+    at_nodes = grid.values(deflections)  # with two time derivatives
+    return at_nodes[0], motion_with_deflections(branch, grid.times, law, at_nodes, neighbour)
 
 
 def motion_with_deflections(

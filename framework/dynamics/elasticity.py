@@ -119,8 +119,9 @@ def _iterate_passes(
         resolved_change = grid.values(following)[0] - current.q_e
         change = _relative_size(robot, resolved_change, current)
         truncation = _relative_size(robot, current.residual - resolved_change, current)
+        # before the second pass the contraction is unknown, and assumed
         contraction = change / last_change if np.isfinite(last_change) else GOOD_CONTRACTION
-        solution = _solution_of_pass(robot, grid, current, current.function, passes)
+        solution = _solution_of_pass(robot, grid, current, current.deflections, passes)
         # change * contraction estimates the change by the next pass
         if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
             return replace(solution, deflections=following)

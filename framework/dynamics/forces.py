@@ -223,8 +223,8 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
     """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques (T, n_a) and rotors.
 
-    tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c) of the paper, with the gear ratio n and ddq_a on
-    the joint side.
+    tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c) of the paper, with the rotor inertia I_a, the gear
+    ratio n, and ddq_a on the joint side.
     """
     n = robot.gear_ratio
     return robot.rotor_inertia * n * motion.a[:, robot.actuated] + joint_torque / n

@@ -70,19 +70,22 @@ def forward_dynamics(
             reactions of a state are the same alone and in a stack, to the last bit.
         v: (nv,) or (T, nv) [rad/s, m/s], as returned by `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
 
     Raises:
         InvalidInput: q or v opens the loops; an argument has the wrong shape; a frame is unknown; parts
             without mass are not in balance, or have neither mass nor spring. For a stack the message names
             the row.
     """
+    # stacks of T states, checked
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
     rates = stack_rows("v", v, robot.nv, count)
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
+
     at_rest = np.zeros((count, robot.nv))
     # the motion without accelerations, under the external wrenches
     unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
@@ -161,7 +164,8 @@ def forward_derivatives(
         q: assembled configuration, as returned by `assemble`; or a stack of T states (T, nq).
         v: (nv,) or (T, nv) [rad/s, m/s] joint rates that keep the loops closed.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
         turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
             keep their components on base axes.
 

@@ -132,7 +132,7 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def velocity_matrices(self) -> VelocityMatrices:
-        """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
+        """The matrices A, B, C of A v = B dq_a + C dq_e, with the platform's twist v."""
         matrices, _rates = matrices_and_rates(self.robot, self._motion)
         return VelocityMatrices(*map(self._unstack, matrices))
 
@@ -400,6 +400,6 @@ def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Arr
         free: wrenches (T, k, 6) of k unit vectors in the null space.
     """
     moment_arms = np.repeat([1.0, robot.length], 3)  # convert moments to forces
-    # (T, 6) largest component of a null-space vector, as a moment like the multipliers in robot lengths
+    # (T, 6) largest component of a null-space vector as a moment, the unit in which the vectors have norm 1
     freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length
     return np.where(freedom > RANK_ROUNDING, np.nan, wrench)

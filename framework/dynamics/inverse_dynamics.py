@@ -1,7 +1,8 @@
 """Certified motor torques along a path under a given motion law, through Type 2 singularities.
 
-Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the torques are
-a quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
+Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the motors do not
+control the platform's twist t_s, along which the motion requires the force t_s . W_p. The torques are a
+quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
 smooth, and no node lies at the singular instant, so the series interpolate the quotient without special
 treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coefficients that do not decay.
 """
@@ -149,9 +150,15 @@ def resolve_law(
 
 
 def choose_failure(of_passes: NotConverged | UnboundedTorque, of_balance: NoAnswer) -> NoAnswer:
-    """Choose the error to raise, of passes or of deflections in balance: that of the smaller residual.
+    """Choose the error to raise after two computations of the deflections have failed.
 
-    A pole that the passes have shown remains the reason.
+    Of two errors of convergence, the one with the smaller residual says more. Any other error of the passes,
+    such as a pole of the torques, is raised itself. So is an error of the passes if the second computation
+    failed for another reason than convergence.
+
+    Args:
+        of_passes: error of the fixed-point passes, the first computation.
+        of_balance: error of solving for deflections in balance (`restoration`), the second one.
     """
     if not (isinstance(of_passes, NotConverged) and isinstance(of_balance, NotConverged)):
         return of_passes
@@ -265,7 +272,7 @@ class _Refinement:
     choose_law: LawChoice
     geometry: str
     tolerance: float
-    known: KnownDeflections | None
+    known: KnownDeflections | None  # None: the deflections are solved for
     law: MotionLaw  # for springs at rest
     crossings_at_rest: tuple[SingularityCrossing, ...]  # of the undeformed robot
     crossings: tuple[SingularityCrossing, ...]  # with the deflections of the last grid
@@ -295,9 +302,10 @@ class _Refinement:
         return self.known is not None or has_stalled
 
     def solve(self, size: int) -> DeflectionSolution:
-        """Solve for forces and deflections on a grid of `size` nodes per panel.
+        """Solve for motion, forces and deflections on a grid of `size` nodes per panel.
 
-        If the deflections have not settled, the next grid starts from rest.
+        No node is at a crossing. The crossings are those of the undeformed robot, because the passes begin
+        with springs at rest; with known deflections they are those that the last grid has found.
 
         Raises:
             UnboundedTorque: the law violates condition (8).
@@ -321,7 +329,7 @@ class _Refinement:
                     is_fine=lambda at_rest: self._is_fine(grid, at_rest),
                 )
         except (NotAssembled, NotConverged) as failure:
-            if self.known is None:
+            if self.known is None:  # a pole of the torques is the better explanation
                 check_bounded(branch.robot, self.crossings, self.allowed_residual)
             if isinstance(failure, NotConverged):
                 raise

@@ -132,9 +132,9 @@ def evaluate_balance(
 def balancing_forces(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
     """Compute the forces of a motion with deflections (T, n_e), and the relative residual.
 
-    Motors and loops balance the load r + K l in the sense of least squares. Y Y' (r + K l) remains
-    unbalanced, which is zero if the deflections are in balance. The springs are taken to carry that
-    remainder, too. So the forces are regular at Type 2. The relative residual is the largest unbalanced force
+    Motors and loops balance the load r + K l in the sense of least squares, and Y Y' (r + K l) remains
+    unbalanced. It is zero if the deflections are in balance. Otherwise the springs are taken to carry it,
+    too, so that the forces are regular at Type 2. The relative residual is the largest unbalanced force
     divided by the largest spring force, both in the units of `locked_columns`.
     """
     r = tree_forces(robot, motion)
@@ -163,6 +163,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     multipliers = balance.multipliers * loop_weights(robot)
     forces = force_changes(robot, motion, multipliers, changes)[:orders]
     in_units = forces[..., columns] * units * units[:n_e, None]
+    # from (orders, T, n_e, f) to (T, f, orders n_e): row by force, column by order and spring
     slopes = in_units.transpose(1, 3, 0, 2).reshape(len(motion.q), len(columns), orders * n_e)
     slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2  # K
     return slopes
@@ -171,7 +172,11 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
 def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
     """Compute r + K l - J' lambda (T, f) along a neighbouring motion, with the multipliers of a balance.
 
-    Deflections are in the units of `locked_columns`.
+    The result has the units of `locked_columns`.
+
+    Args:
+        balance: gives the multipliers lambda and the configurations from which the loops are closed.
+        prescribed: platform motion and deflections of the neighbouring motion.
 
     Raises:
         NotAssembled: the loops do not close along the neighbouring motion.

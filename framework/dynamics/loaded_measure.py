@@ -97,7 +97,7 @@ class Softening(NamedTuple):
 
 
 def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
-    """Compute how a motion (T,) of the undeformed robot changes the measure of its loaded tangent.
+    """Compute the measure (T,) of the loaded tangent along a motion, to first order in the compliance.
 
     The measure is det [eps H | C'] with the stiffness H of springs and loads (see `loaded_tangent`) and the
     constraints C of loops and locked motors. At eps = 1 the springs are those of the robot. To first order,
@@ -115,9 +115,10 @@ def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
     stiffness = robot.stiffness * units**2  # K (n_e,), in spring units
     rigid = evaluate_balance(robot, motion, branch.guess(motion.s), wrenches=branch.wrenches)
     to_springs = rigid.Y[:, : robot.n_e].swapaxes(1, 2)  # (T, n_e, n_e)
-    w = -np.linalg.solve(to_springs, rigid.F[..., None])[..., 0]
+    w = -np.linalg.solve(to_springs, rigid.F[..., None])[..., 0]  # F + (rows of springs in Y)' w = 0
     deflections = w / stiffness
-    eps = FIRST_DEFLECTION / (np.abs(deflections).max() or 1.0)  # without a load nothing deflects
+    # a compliance that is small enough for a forward difference; without a load nothing deflects
+    eps = FIRST_DEFLECTION / (np.abs(deflections).max() or 1.0)
     deflected = motion._replace(l=eps * deflections * units)
     balance = evaluate_balance(robot, deflected, rigid.motion.q, wrenches=branch.wrenches, stiffer=1.0 / eps)
     g = _tangent_measure(branch, rigid, np.diag(stiffness)[None])
@@ -126,11 +127,11 @@ def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
 
 
 def _tangent_measure(branch: Branch, balance: LoadedBalance, stiffness: Array) -> Array:
-    """Compute det [stiffness | C'] (T,).
+    """Compute det [stiffness | C'] (T,), with f = n_e + c rows and columns.
 
     Args:
         balance: gives the constraints C (T, c, f).
-        stiffness: (T, f, n_e), or (1, n_e, n_e) of the springs alone.
+        stiffness: (T, f, n_e), or (1, n_e, n_e) of the springs alone, whose further rows are zero.
     """
     constraints = constraint_rows(branch.robot, balance.motion.linearised).swapaxes(1, 2)  # (T, f, c)
     matrix = np.zeros((*constraints.shape[:2], constraints.shape[1]))

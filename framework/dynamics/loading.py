@@ -232,6 +232,8 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)
+
+    # slopes (T,) of the share along the tangent at both ends, and the gain that their mean predicts
     with np.errstate(divide="ignore", invalid="ignore"):
         start_slope = 1.0 / dot(ahead.tangent, start.rate)
         end_slope = 1.0 / dot(ahead.tangent, end.points.rate)
@@ -240,6 +242,8 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
         gap = np.abs(end.points.share - start.share - mean_gain)
         is_straight = gap <= MAX_SHARE_GAP * largest_gain
         turns_back = start_slope * end_slope < 0.0
+
+    # steps that reach the curve without a fold in between; the shortest ones have no room for a fold
     on_curve = end.converged & (is_straight | (ahead.size <= UNCHECKED_MOTION))
     is_unstable = on_curve & ~end.is_stable
     return _StepEnds(

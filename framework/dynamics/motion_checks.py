@@ -345,6 +345,7 @@ def unresolved_error(
         unseen: a near miss that no grid resolved, if any.
     """
     robot, certificate = searched.branch.robot, result.certificate
+    # the near miss to name: the unresolved one, or else that of the narrowest torque peak
     near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:
         problem = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
@@ -358,6 +359,7 @@ def unresolved_error(
     else:
         gap = certificate.max_closure_error
         problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
+    # the likely reason: a near miss, two singular points that are close, or a law that is not smooth
     advice = "is the law smooth, is the path far from other singularities?"
     if not isinstance(searched.branch.path, PointPath):
         advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"

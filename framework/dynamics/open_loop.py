@@ -71,7 +71,7 @@ class ErrorDynamics(NamedTuple):
 
 
 def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the dynamics of the platform's error at t (T,), at constant deflections.
+    """Compute the dynamics of the platform's error at `times` (T,) [s], at constant deflections.
 
     T = dq/dx are the joint rates for unit rates of the coordinates, and E maps rates of x to the twist. The
     virtual work along x gives, with the forces r of the open tree and constant loop forces lambda,

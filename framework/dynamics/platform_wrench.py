@@ -277,7 +277,7 @@ def platform_limits(
     Args:
         q: as returned by `assemble` or `forward_kinematics`.
         torque_limit: limit [N m], motor side, of all motors; or one for each motor; or limits by joint. By
-            default, limits are those of the robot file, see `motor_limits`.
+            default, limits are those of the robot file.
         speed_limit: limits [rad/s] in the same forms.
 
     Raises:

@@ -3,7 +3,8 @@
 The pose, rates and accelerations of the platform, and external wrenches are prescribed. Motor torques follow
 from the independent loop equations (`forces`). Their record is `instant.Instant`.
 
-At a Type 2 singularity the equation M tau = w of `balanced_forces` reads 0 = 0 along t_s if condition (8),
+At a Type 2 singularity the motors do not control the platform's twist t_s, along which the motion requires
+the force t_s . W_p. The equation M tau = w of `balanced_forces` then reads 0 = 0 along t_s if condition (8),
 t_s . W_p = 0, holds, and has no solution otherwise. If the condition holds, tau(t) = M(t)^-1 w(t) has a
 removable singularity. By l'Hopital's rule the limit depends on the first time derivatives of M and w, and so
 on the jerk of the platform, but on no higher derivative. Hence the motion
@@ -415,7 +416,8 @@ def dynamics_derivatives(
     Args:
         q: assembled configuration, as returned by `assemble`; or a stack of T instants (T, nq).
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
-        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, see `dynamics_at`.
+        wrenches: external wrenches (6,) or (T, 6) [N, N m] by URDF link or joint, (force, moment) ON
+            its body at its origin, on base axes.
 
     Raises:
         InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.

@@ -39,7 +39,7 @@ MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; abo
 SETTLED_MISFIT = 1e-13  # |F| over the largest load
 MISFIT_OF_CELLS = 0.1  # above, a misfit that stalls is not due to the cells
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
-FIRST_CELLS = 48
+FIRST_CELLS = 48  # of the splines of the deflections, on all panels together
 MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
@@ -72,14 +72,16 @@ def solve_balance(
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
+    From deflections of zero, springs that cannot be solved for directly are softened stepwise.
+
     Args:
-        family: function that returns the law of scalars c (k,); the search begins at c = 0.
+        family: function that returns the law, as a `Clock`, of scalars c (k,); the search begins at c = 0.
         steps: (k,) half-widths of the central differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
 
     Raises:
-        NotConverged: no deflections in balance were found. Those that are found may still be unsettled, where
-            more cells do not help; their certificate tells.
+        NotConverged: no deflections in balance were found. If more cells do not help, the returned
+            deflections may still be unsettled; the certificate of their motion shows it.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
@@ -103,9 +105,10 @@ def solve_balance(
 def _continuity_at_knots(robot: ParallelRobot, clock: Clock) -> int:
     """Return the highest derivative of the deflections that does not jump at the knots of a path.
 
-    Springs without inertia follow the forces, jumps included. With inertia, rates and accelerations are
-    continuous too. They are asked for under optimal laws, whose springs are at rest at both ends; under
-    polynomials they would make vibrate what does not, where the path has only two derivatives.
+    Springs without inertia follow the forces and jump with them: -1. With inertia, also rates and
+    accelerations are continuous. This is required under optimal laws (`OnParameter`), whose springs are at
+    rest at both ends: 2. Under polynomials only the deflections are continuous: 0. Where the path has only
+    two derivatives, continuous accelerations would make the springs vibrate.
     """
     if not robot.elastic_inertia:
         return -1
@@ -129,7 +132,7 @@ def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
 
     Args:
         start: the first iterate, with its cells.
-        misfit: |F| over the largest load, which need not be undercut.
+        misfit: |F| over the largest load at which the solution is accepted.
     """
     result = _gauss_newton(equations, start)
     while result.is_solved and result.state.misfit > misfit:
@@ -138,19 +141,20 @@ def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
 
 
 def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
-    """Solve by continuation in the stiffness of the springs.
+    """Solve by continuation in the stiffness of the springs, down to the robot's own.
 
     The continuation begins with springs MAX_STIFFENING times as stiff. Each step divides this factor by
     `softening`, which is replaced by its square root if the step fails.
 
     Args:
-        start: the first splines and scalars; the deflections begin from zero.
+        start: a state with the splines and scalars to begin with; the deflections begin from zero.
 
     Raises:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
     state = equations.evaluate(start.splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
+    # at zero deflections F is the spring forces that balance the load; F / stiffness estimates deflections
     if np.abs(state.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
@@ -158,7 +162,7 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
             residual=state.misfit,
         )
-    solved = None  # the softest springs solved so far
+    solved = None  # the solution of the softest springs so far
     softening = SOFTENING
     while softening > MIN_SOFTENING:
         check_time()
@@ -170,8 +174,9 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
         else:
             softening = np.sqrt(softening)
         stiffer = solved.balance.stiffer
-        if stiffer == 1.0:
+        if stiffer == 1.0:  # the robot's own springs
             return solved
+        # the next springs, or softer ones than solved by a smaller factor after a failure
         softer = max(stiffer / softening, 1.0)
         series = solved.series * (stiffer / softer)  # deflections are nearly proportional to compliance
         state = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
@@ -191,7 +196,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
     """Iterate until the misfit is rounding, or as small as the cells allow.
 
     The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
-    as the misfit falls quickly.
+    as the misfit falls quickly. They are renewed if a step with old slopes fails or gains too little.
 
     Args:
         equations: the equations F = 0.
@@ -202,7 +207,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         check_time()
         if state.misfit <= SETTLED_MISFIT:
             return GaussNewtonResult(state, True, linear)
-        are_fresh = linear is None
+        are_fresh = linear is None  # whether the slopes are those at this iterate
         linear = linear or equations.linearise(state)
         step = linear.step(state)
         # the cells limit the misfit if not even the linear equations can reduce it much
@@ -210,7 +215,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         if stalls and state.misfit <= MISFIT_OF_CELLS:
             return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
-        if new is None and are_fresh:
+        if new is None and are_fresh:  # new slopes cannot help
             return GaussNewtonResult(state, False, linear)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,

@@ -1,4 +1,8 @@
-"""The result of inverse dynamics: torques, motor angles and deflections as functions of time."""
+"""The result of inverse dynamics: torques, motor angles and deflections as functions of time.
+
+They are Chebyshev series on panels in time. Where the robot is singular (Type 2), t_s . W_p is the power of
+the required wrench in the uncontrolled motion; condition (8) sets it to zero.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""The instants at which a motion is in a Type 2 singularity, with t_s . W_p."""
+"""The instants at which a motion is in a Type 2 singularity, with t_s . W_p.
+
+There locked motors leave a motion of the joints uncontrolled, with joint rates eta and platform twist t_s.
+t_s . W_p = eta . r is the power in this motion of the forces r that the planned motion requires. Condition
+(8) sets this power to zero, which keeps the torques finite. g is a measure that vanishes at the singularity.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +56,7 @@ def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> 
             if not 0 < k < len(edges) - 1:  # the ends of the motion stay
                 continue
             narrower_width = min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
-            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:
+            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:  # shift well beyond the crossing
                 edges[k] = t + 3.0 * EDGE_CLEARANCE * narrower_width
     else:
         crossings = np.sort(np.fromiter(avoid, dtype=float))

@@ -30,8 +30,8 @@ from framework.tolerances import FOLD_MISFIT
 FIRST_COMPLIANCE = 1e-4  # over that of the springs
 FIRST_STEP, LEAST_STEP, MAX_STEP = 0.05, 1e-5, 1.0  # of arclength in (v / (v_unit u), log eps)
 STEP_GROWTH = 2.0  # of the next step, after a step that succeeded
-MAX_POINTS = 400
-MAX_CORRECTIONS = 8
+MAX_POINTS = 400  # of the curve
+MAX_CORRECTIONS = 8  # Newton steps from a predicted point to the curve
 LEAST_COSINE = 0.8  # between neighbouring tangents
 
 
@@ -144,7 +144,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
 
 
 def _turning_compliance(first: _CurvePoint, second: _CurvePoint) -> float | None:
-    """Interpolate log eps between two points by a parabola; return its largest eps, or None from 1 on.
+    """Interpolate log eps between two points by a parabola; return its largest eps, None if not below 1.
 
     A parabola over the arclength h with slopes a and -b at its ends rises by h a^2 / (2 (a + b)).
 

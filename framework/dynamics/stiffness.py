@@ -109,12 +109,14 @@ def least_ratios(H: Array, S: Array) -> Array:
         indefinite.
     """
     least = np.full(len(H), np.nan)
+    # shift the stiffness of rows with a denominator, S != 0
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
     trace_S = np.trace(S, axis1=1, axis2=2)
     rows = np.flatnonzero(trace_S > 0)
     sigma = trace_H[rows] / trace_S[rows]
     shifted = H[rows] + sigma[:, None, None] * S[rows]
     is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
+    # largest eigenvalue of S relative to H + sigma S, where that is positive definite
     rows, sigma = rows[is_definite], sigma[is_definite]
     inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
     relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))

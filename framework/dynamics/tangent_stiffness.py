@@ -28,7 +28,7 @@ from framework.numerics.ordered_sums import matmul, matvec, solve
 
 
 class Load(NamedTuple):
-    """The load on T configurations, each under its own share of weight and wrench."""
+    """The load on T configurations: weight and wrench, of which each bears a share of its own."""
 
     w: Array  # (n,) external wrench ON the platform, on the platform's axes
     share: Array  # (T,) share of weight and w that acts, 0 .. 1
@@ -56,7 +56,10 @@ class EquilibriumResiduals(NamedTuple):
 
 
 def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
-    """Return the external wrench (n,) on the platform, zero by default.
+    """Return the external wrench (n,) [N, N m] on the platform, zero by default.
+
+    Equilibria are minima of an energy, so that the wrench needs a potential. Rotations about several axes do
+    not commute: the work of a constant moment then depends on the path.
 
     Raises:
         InvalidInput: not n finite numbers, or a moment on a platform that turns about several axes.

@@ -48,7 +48,7 @@ class TorqueResponse(NamedTuple):
     """
 
     y: Array  # (n,) of the motion
-    scalars: Array  # (k, n) derivatives of the law's scalars by y
+    scalar_slopes: Array  # (k, n) derivatives of the law's scalars by y
     torque: SplineFunction  # (n_a,) [N m] of the motion, motor side
     slopes: SplineFunction  # (n_a n,) derivatives of the torque by y
     speed: SplineFunction  # (n_a,) [rad] of the motors over d sigma/dt
@@ -68,14 +68,15 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     F_y = per_term.F @ terms.by_y  # (T, n_e, n)
     linear = equations.linearise(state)
     # derivatives by y of the splines' coefficients and of the law's scalars
-    by_y = linear.follow(F_y.reshape(-1, F_y.shape[2]))
-    series_by_y, scalars = np.split(by_y, [state.series.size])
+    by_y = linear.cancel_changes(F_y.reshape(-1, F_y.shape[2]))
+    series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = per_term.torque @ terms.values[..., None]
     by_deflections = _torques_of_deflections(equations.branch.robot, state, series_by_y)
     slopes = per_term.torque @ terms.by_y + by_deflections
+    # torque, slopes and speed, in the order of the fields
     functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, per_term.speed)]
-    return TorqueResponse(clock.law.coefficients, scalars, *functions)
+    return TorqueResponse(clock.law.coefficients, scalar_slopes, *functions)
 
 
 class _LawTerms(NamedTuple):
@@ -127,7 +128,7 @@ class _Coefficients(NamedTuple):
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Coefficients:
     """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
 
-    The four (z, u) are those of `_split_terms`.
+    Four pairs determine the four coefficients of 1, z, u and z^(1/2).
 
     Args:
         equations: the equations of balance.

@@ -54,7 +54,7 @@ class Condition8(NamedTuple):
     def acceleration(self, speed: Speed) -> Speed:
         """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does.
 
-        alpha must not be zero, unless all coefficients are (see `require_effect`).
+        alpha must not be zero, unless all coefficients are; `require_effect` ensures it.
         """
         if self.holds_anyway:
             return 0.0 * speed
@@ -78,7 +78,7 @@ class CrossingPoint(NamedTuple):
     """A point of the path where condition (8) is to hold, of the deflected or the undeformed robot."""
 
     s: float  # path coordinate
-    kind: str  # of the singularity, see `SingularPoint`
+    kind: str  # of the singularity, such as "type_2"
     twist: Array  # (n,) t_s, pointing along the path
     motion: Array  # (nv,) joint rates of t_s with locked motors
     q: Array  # (nq,) configuration

@@ -119,7 +119,8 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
 
     Raises:
         UncontrolledMotions: locked motors leave a motion free that condition (8) does not describe.
-        NoLaw: condition (8) does not apply there (see `check_kind`), or the path starts or ends there.
+        NoLaw: the singularity is not of Type 2, to which condition (8) applies, or the path starts or ends
+            there.
     """
     check_kind(branch.robot, singular)
     if not is_at_path_end(singular):

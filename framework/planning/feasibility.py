@@ -160,7 +160,7 @@ class Feasibility:
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Compute condition (8) at a singular point, and how t_s lies to weight and path.
+    """Compute condition (8) at a singular point, and the directions of weight and path along t_s.
 
     The result has two cosines that explain the coefficients: `weight_share`, between gravity and the velocity
     of the centre of mass in the uncontrolled motion, and `tangent_share`, between the path's tangent and t_s.
@@ -250,13 +250,17 @@ class OptimalDurations(NamedTuple):
 
 
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """Compute the least duration of a law of free shape through all singular points.
+    """Find the least duration [s] of a law of free shape through all singular points.
 
-    The springs are at rest. Limits and smoothness are those of the request, whose duration and crossings are
-    left open. None if no law can cross, or if the request asks for more smoothness than such laws have.
+    The springs are at rest. Limits and smoothness are those of the request; its durations and its crossings
+    are left open.
 
     Args:
         searched: the path with its singular points.
+
+    Returns:
+        None if no law can cross, or if the request asks for more smoothness than laws of free shape have. A
+        duration of 0 without limits. No duration, but the reason, if the search finds no law.
     """
     from framework.planning.optimal.optimal_task import Task  # slow to import, and seldom needed
     from framework.planning.optimal.undeformed_law import find_undeformed_law

@@ -19,7 +19,7 @@ from framework.tolerances import SAME_PLACE
 
 RATES = ("", "/s", "/s2")  # suffixes of units, indexed by the order of the time derivative
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
-DEFAULT_ROWS = 1501
+DEFAULT_ROWS = 1501  # instants of a table without a stated number or period
 NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a quantity
 
 

@@ -1,12 +1,13 @@
 """The effects that a motion's torques leave out, measured by another model on nearly the same motion.
 
-The other model has its own condition (8) and, with springs, its own singular points on the path. So the law
-is corrected by polynomials of least degree. The corrected law passes the model's singular points at the
-planned instants and speeds, with the accelerations that the model's condition (8) requires. The model's
-torques are then bounded, and their difference from the motion's is the effect that the motion leaves out.
-The corrections vanish at both ends, with as many derivatives as the laws of elastic robots if one of the two
-models has springs. A polynomial that is as smooth at its ends becomes the polynomial with which the model
-itself would be planned, for the same instants and speeds of the crossings.
+Condition (8) on s' and s" of a law s(t) keeps torques finite where the path is singular. The other model has
+its own condition (8) and, with springs, its own singular points on the path. So the law is corrected by
+polynomials of least degree. The corrected law passes the model's singular points at the planned instants and
+speeds, with the accelerations that the model's condition (8) requires. The model's torques are then bounded,
+and their difference from the motion's is the effect that the motion leaves out. The corrections vanish at
+both ends, with as many derivatives as the laws of elastic robots if one of the two models has springs. A
+polynomial that is as smooth at its ends becomes the polynomial with which the model itself would be planned,
+for the same instants and speeds of the crossings.
 
 `neglected_effects` lists the effects, each with the motor torque that it would add:
 
@@ -419,41 +420,48 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effects of springs left rigid, and of geometry and inertia of active springs.
+    """Yield descriptions of effects, each with a function that computes its torques (T, n_a).
 
-    The model with all springs measures them. It is made when the first effect is computed, so that a failure
-    to make it is reported with that effect.
+    The effects are those of springs left rigid, and of geometry and inertia of active springs. The model with
+    all springs measures them. It is made when the first effect is computed, so that a failure to make it is
+    reported with that effect.
     """
     robot, description = dynamics.robot, dynamics.robot.description
+    all_springs = FLEXIBILITIES[-1]
 
     @cache
-    def fullest() -> ModelOnMotion:
-        """Return the model with all springs on the motion."""
-        return ModelOnMotion.of(
-            dynamics, ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
-        )
+    def elastic_model() -> ModelOnMotion:
+        """Return the model in which all springs are active, on the given motion; made once."""
+        model = ParallelRobot.from_description(description, flexibility=all_springs)
+        return ModelOnMotion.of(dynamics, model)
 
     def torque_of_springs(coordinates: Sequence[str]) -> Array:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
-        return fullest().torque_with(coordinates) - fullest().first_torque
+        return elastic_model().torque_with(coordinates) - elastic_model().first_torque
 
+    # springs of joints and of links, one effect each
     for part in ("joint", "link"):
         springs = [
             spring
-            for spring in description.active_springs(FLEXIBILITIES[-1])
+            for spring in description.active_springs(all_springs)
             if spring.part == part and not set(robot.elastic_names).issuperset(spring.coordinates)
         ]
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
             names = _list_names([spring.name for spring in springs])
             yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
+
+    # effects of the deflections of active springs, against the torques of the motion
     if robot.n_e and dynamics.geometry == "rigid":
         yield (
             "deformed geometry",
-            lambda: fullest().torque_with(robot.elastic_names) - fullest().planned_torque,
+            lambda: elastic_model().torque_with(robot.elastic_names) - elastic_model().planned_torque,
         )
     if robot.n_e and not robot.elastic_inertia:
-        yield "inertia of the elastic motion", lambda: fullest().first_torque - fullest().planned_torque
+        yield (
+            "inertia of the elastic motion",
+            lambda: elastic_model().first_torque - elastic_model().planned_torque,
+        )
 
 
 def _list_names(names: Sequence[str]) -> str:

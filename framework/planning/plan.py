@@ -1,7 +1,7 @@
 """Plan a crossing: locate the singular points, meet condition (8) at each, prove that torques are finite.
 
 The singular points are those of Type 2 on the path, where the measure g vanishes; at a near miss |g| is
-least, but not zero.
+least, but not zero. Condition (8) on s' and s" keeps the torques finite there (`condition`).
 
 There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses between them. A third
 kind would need a `PlannedLaw`, a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in

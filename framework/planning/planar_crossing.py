@@ -173,6 +173,7 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     unmet = [requirement for requirement, is_met in requirements.items() if not is_met]
     if unmet:
         raise InvalidInput(f"{robot.name}, {robot.flexibility}: a lesson needs {', '.join(unmet)}")
+    # the path must cross the locus once
     searched = search_path(robot, path)
     if [point.contact for point in searched.points] != ["transversal"]:
         met = [f"at s = {point.s:.6g} ({point.contact})" for point in searched.points]
@@ -180,6 +181,7 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
+    # a robot and a plan for each gravity
     robots, plans = {}, {}
     for name, acceleration in GRAVITY.items():
         x, y, z = (-acceleration * upwards).tolist()

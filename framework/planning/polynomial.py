@@ -1,8 +1,8 @@
 """The law of the paper: one polynomial with given s, s' and s" at its crossings.
 
-The law is the path coordinate s as a function of time, with derivatives s' and s". Condition (8) gives s" at
-each crossing of a singular point. Times and speeds s' of the crossings that the user leaves open are chosen
-so that the law always advances.
+The law is the path coordinate s as a function of time, with derivatives s' and s". Condition (8), alpha s" +
+beta s'^2 + gamma + delta s' = 0, gives s" at each crossing of a singular point. Times and speeds s' of the
+crossings that the user leaves open are chosen so that the law always advances.
 """
 
 from __future__ import annotations
@@ -64,8 +64,9 @@ OF_A_SCENE = (
 def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own, which
-    has the times and speeds of the first. The first law and the last one must advance.
+    Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
+    of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
+    solved for together. The first law and the last one must advance.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
@@ -89,6 +90,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
             _check_advance(law, request, to_cross.points, name)
         return law
 
+    # torques and certificate, of a law that each pass chooses or of a fixed one
     resolve_with = partial(
         resolve,
         to_cross.searched,
@@ -106,7 +108,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
             dynamics = resolve_with(lambda *_: balanced, known=deflections)
         except SearchEnded:
             raise
-        except NoAnswer as second:
+        except NoAnswer as second:  # raise the failure that says more
             raise choose_failure(failure, second) from None
     law = dynamics.law
     assert isinstance(law, Law)

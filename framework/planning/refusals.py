@@ -3,8 +3,9 @@
 Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
 one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
 `planning.options` or `planning.request`. A search that a time limit ends raises SearchEnded
-(`numerics.time_limit`). `planning.plan` adds the remedy. The code below the table has the
-records of the numbers on which a refusal rests, and the refusal of laws that turn back.
+(`numerics.time_limit`). `planning.plan` adds the remedy. The code below the table has the records of the
+numbers on which a refusal rests, and the refusal of laws that turn back. Condition (8),
+alpha s" + beta s'^2 + gamma + delta s' = 0, keeps torques finite where the robot is singular.
 
 On the path, springs at rest:
 
@@ -265,10 +266,10 @@ def _ratio_text(ratio: float | None) -> str:
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return the advice to raise limits of torque and speed, in words.
+    """Return the advice to raise limits, such as "torque_limit 5 N m with speed_limit 2 rad/s would do".
 
     Args:
-        limits: the advised limits (n_a,), by the name of their option.
+        limits: the advised limits (n_a,), motor side, by the name of their option; all are needed together.
     """
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())

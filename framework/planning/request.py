@@ -1,6 +1,8 @@
 """The request of a plan: a record that checks its options when it is made, and its goal and limits.
 
-The last section has the sizes of a motion, with which limits and errors are compared.
+A law is s(t), the course of the path coordinate s from 0 to 1; s' is its rate. Crossings are the instants at
+which the robot is singular. The last section has the sizes of a motion, with which limits and errors are
+compared.
 """
 
 from __future__ import annotations
@@ -158,7 +160,10 @@ class Request(PlanOptions):
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
 
     def _check_optimal(self) -> None:
-        """Refuse options that contradict the optimal law; advise the change that corrects the request."""
+        """Refuse options that contradict the optimal law; advise the change that corrects the request.
+
+        There is no advice if the duration is missing: only the user can choose one.
+        """
         if self.times is not None:
             raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
                 {"times": None, "speeds": None}

@@ -257,6 +257,7 @@ def plan_from_document(
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
     """
+    # robot, request and law of the file
     stated = _read_plan(saved, file)
     robot = _find_robot(stated, file, robot_file)
     with prefix_errors(file, InvalidInput):
@@ -264,6 +265,8 @@ def plan_from_document(
         law = _make_law(stated["law"], stated["duration"], request)
         optimality = _make_optimality(robot, request, stated["optimality"], law.kind)
         check_law(law)
+
+    # the plan computed anew, which must agree with the file
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
         dynamics = resolve_law(
@@ -364,7 +367,14 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the stated law of a duration [s].
+    """Return the law that plan.json states.
+
+    Args:
+        stated: values of the part `law`. A polynomial has the key `chebyshev`, the coefficients of s(t). An
+            optimal law has its smoothness, and under `squared_speed` the coefficients of z; `dense_at` and
+            `cells` are the fields of `OptimalLaw`.
+        duration: [s].
+        request: the request that the plan answers.
 
     Raises:
         InvalidInput: the duration is invalid, or the law is less smooth than requested or smoother than
@@ -465,6 +475,8 @@ def _check_value(key: str, stated: Any, computed: Any, sizes: Mapping[str, float
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
+        stated: the value in the file.
+        computed: the value computed anew.
         sizes: of numbers, by the last part of their key.
 
     Raises:

@@ -1,4 +1,7 @@
-"""The scenes of a robot file: the path, the request and the plan of each."""
+"""The scenes of a robot file: the path, the request and the plan of each.
+
+A scene is a named motion: the points of a path, and options of its plan.
+"""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
 
     change = np.zeros(len(law.coefficients))
     change[:8] = 1e-4 * np.abs(law.coefficients).max() * np.random.default_rng(1).normal(size=8)
-    conditions = response.scalars[:, :8]
+    conditions = response.scalar_slopes[:, :8]
     change[:8] -= np.linalg.pinv(conditions) @ (conditions @ change[:8])
     beside, moved = [], []
     for sign in (1.0, -1.0):

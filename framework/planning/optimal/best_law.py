@@ -1,8 +1,9 @@
 """The best law of a problem: the smoothest law whose cost is hardly more than the least.
 
-The optimum is rarely unique, and a solver returns one with abrupt changes of speed. So the least cost is
-found first (`least_cost`), with squared speeds that may come arbitrarily near to zero. The smoothest law
-within a share of that cost follows, within all limits (`smooth_search`).
+A law is a squared speed z, with coefficients y in the parameter xi of the path (`speed_program`). The optimum
+is rarely unique, and a solver returns one with abrupt changes of speed. So the least cost is found first
+(`least_cost`), with squared speeds that may come arbitrarily near to zero. The smoothest law within a share
+of that cost follows, within all limits (`smooth_search`).
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def find_best_law(
     If the search for the least duration or energy fails, the law of least peak is tried.
 
     Args:
-        cells: (k + 1,) edges in xi, which are refined; see `first_cells` for the default.
+        cells: (k + 1,) edges in xi, which are refined; by default, `first_cells` chooses them.
         share: share of the least cost by which the smooth law may exceed it.
         units: units of a similar program, from which the solution begins.
     """

@@ -139,9 +139,14 @@ class DualProgram:
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
-        """Bound the mean (k,) of |nu|_1 on each cell from above, for the coefficients x of `Multipliers`."""
+        """Bound the mean (k,) of |nu|_1 on each cell from above, with nu = sum of x_i v_i.
+
+        Args:
+            x: (k, MULTIPLIER_DEGREE + 1, m) coefficients of x_i.
+        """
         v = self.series.v
-        nu = multiply(v.coefficients, x[..., None]).sum(axis=2)
+        nu = multiply(v.coefficients, x[..., None]).sum(axis=2)  # (k, SIZE, m) coefficients
+        # |x_i| is at most its largest coefficient, so that v.error (k, m, m) changes |nu|_1 by at most this
         error = (np.abs(x).max(axis=1)[..., None] * v.error).sum(axis=(1, 2))
         return bound_mean_size(nu, HALVINGS).sum(axis=1) + error
 
@@ -175,6 +180,7 @@ class DualProgram:
 
         A positive margin covers errors of the solver and of the series, so that the bound can be proved.
         """
+        # unknowns of torques, and of speed limits, damping and duration where they count
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:
@@ -274,9 +280,10 @@ class DualProgram:
     def _add_damping(self, draft: _Draft) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
 
-        The unknowns drag, omega, phi and loss are not negative and constant on cells. They bound the term by
-        nu . d >= drag - omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) is at
-        least -omega^2 / (4 phi), which is at least -loss. `_add_duration` uses drag.
+        The unknowns are not negative and constant on cells. `drag` and `omega` bound the positive and the
+        negative part: nu . d >= drag - omega. The part `phi` of the factor is spent on omega:
+        phi z - omega sqrt(z) is at least -omega^2 / (4 phi), which is at least -`loss`. What drag adds to the
+        bound follows in `_add_drag`.
 
         Args:
             draft: the parts of the cone program, which are changed in place.
@@ -299,11 +306,12 @@ class DualProgram:
         draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
-        """Add lambda, the minorant, and the unknown `slow`, which bounds the cost C of the minorant.
+        """Add lambda, the minorant, and the unknown `cube_root`, which bounds the cost C of the minorant.
 
-        At both ends of each cell slow <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is at most the least
-        of minorant z + lambda z^(-1/2). Two cones say so: slow^2 <= root lambda and root^2 <= 2 minorant
-        slow.
+        The minorant is a line on each cell below the factor, and C grows with the factor. The least of
+        minorant z + lambda z^(-1/2) over z > 0 is 1.5 (2 minorant lambda^2)^(1/3). At both ends of each cell,
+        two cones with an auxiliary unknown make cube_root <= (2 minorant lambda^2)^(1/3):
+        cube_root^2 <= auxiliary lambda and auxiliary^2 <= 2 minorant cube_root.
 
         Args:
             draft: the parts of the cone program, which are changed in place.
@@ -314,46 +322,52 @@ class DualProgram:
         # the factor less the minorant, a line on each cell with the values of the unknowns at its ends
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
         draft.factor["minorant"] = block_diag([*lines], format="csr")
-        draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
+        draft.sizes |= {"lam": 1, "minorant": count, "cube_root": count, "auxiliary": count}
 
-        # the mean of C on a cell is at least the mean of 1.5 slow at its two ends
+        # the mean of C on a cell is at least the mean of 1.5 cube_root at its ends, 0.75 of each; the cost is
+        # negative because C raises the bound
         end_width = (width * self._slowness).ravel()
-        draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
+        draft.cost["cube_root"] = -0.75 * self._lambda_unit * self.time_unit * end_width
 
-        # the cones, with root^2 <= 2 minorant slow and slow^2 <= root lambda
-        half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}  # less the share of lambda spent on drag
-        if "drag" in draft.sizes:
-            half_lambda["share"] = self._add_drag(draft)
-        root = linear_rows(root=identity)
-        slow = linear_rows(slow=identity)
-        draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
-        draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
+        # the cones auxiliary^2 <= 2 minorant cube_root and cube_root^2 <= auxiliary lambda
+        # `product_cone` means 4 first * second >= |others|^2, which halves of the factors turn into 2 and 1
+        half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}
+        if "drag" in draft.sizes:  # less the share of lambda that is spent on drag
+            half_lambda["lambda_share"] = self._add_drag(draft)
+        auxiliary = linear_rows(auxiliary=identity)
+        cube_root = linear_rows(cube_root=identity)
+        draft.cones.append(product_cone({"minorant": identity}, {"cube_root": 0.5 * identity}, [auxiliary]))
+        draft.cones.append(product_cone({"auxiliary": 0.5 * identity}, half_lambda, [cube_root]))
         if self.timed:  # the bound does not depend on the size of the multipliers: lambda is set to 1
             draft.equal.append(AffineRows({"lam": csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
             draft.cost["lam"] = np.array([self._lambda_unit * (self.longest or 0.0)])
 
     def _add_drag(self, draft: _Draft) -> Any:
-        """Add `share` and `dragged`, constant on cells; return -share / 2 as rows (2 k, k) at ends of cells.
+        """Add the unknowns `lambda_share` and `drag_cost` of each cell, by which drag raises the bound.
 
-        Each cell spends a share of lambda on drag. `dragged` is part of the bound: it is at most
-        2 (drag share)^(1/2), the least of drag z^(1/2) + share z^(-1/2).
+        Each cell spends a share of lambda on drag. Then drag_cost is at most 2 (drag lambda_share)^(1/2), the
+        least of drag z^(1/2) + lambda_share z^(-1/2).
 
         Args:
             draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
-        draft.sizes |= {"share": len(width), "dragged": len(width)}
-        draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
-        draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
+        draft.sizes |= {"lambda_share": len(width), "drag_cost": len(width)}
+        draft.cost["drag_cost"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
+        drag_cost = linear_rows(drag_cost=cell)
+        draft.cones.append(product_cone({"drag": cell}, {"lambda_share": cell}, [drag_cost]))
         return -0.5 * kron(cell, np.ones((2, 1)), format="csr")
 
     # ------------------------------------------------------------------ units and columns of the unknowns
 
     @cached_property
     def p_unit(self) -> float:
-        """The size of p if nu is 1: the median over the cells."""
+        """The size of p if nu is 1: the median over the cells.
+
+        nu = x_0 v_0 with p = x_0, so that |nu| = 1 gives p = 1 / |v_0|, taken at the left end of each cell.
+        """
         return float(1.0 / np.median(np.linalg.norm(self.series.v.coefficients[:, 0, 0], axis=1)))
 
     @property
@@ -373,7 +387,11 @@ class DualProgram:
 
     @cached_property
     def _mu_unit(self) -> Array:
-        """The unit (n,) of mu of each motor with a speed limit."""
+        """The unit (n,) of mu of each motor with a speed limit.
+
+        In this unit mu . k, a term of the factor, is near p_unit, with the squared speeds k per z over their
+        limits. A motor that never moves has the unit p_unit.
+        """
         largest = self.series.squared_speed.coefficients.max(axis=(0, 1))
         return self.p_unit / np.where(largest > 0.0, largest, 1.0)
 

@@ -1,7 +1,8 @@
 """The law nearest to a given one that an elastic robot can follow with deflections as smooth as the law.
 
-The scalars of the law are the values of t_s . W_p where the undeformed robot is singular. They differ from
-zero so that the loaded robot meets condition (8) at its own singular points.
+A law s = phi(sigma(t)) is a squared speed z = (d sigma/dt)^2. It has one free scalar for each crossing: the
+value of t_s . W_p where the undeformed robot is singular, the power that condition (8) sets to zero. These
+scalars differ from zero so that the loaded robot meets condition (8) at its own singular points.
 
 Balance alone does not ensure that springs start and stop at rest, as the law does: springs that carry inertia
 may be in balance while they vibrate at an end.
@@ -93,6 +94,7 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     """
     basis = SpeedBasis(np.array(ONE_CELL), SERIES_DEGREE + 1)
     xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
+    # rows of z / z_splines at xi on the coefficients of the series, fitted to 1
     ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
     y = np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0]
     space = SpeedSpace(basis, law.stretch)

@@ -1,7 +1,12 @@
 """Conditions on a law and motor torques along a path, as sparse rows on the coefficients of the law.
 
-Condition (8) is a sparse equality. Where it is not met, torques have a pole. A multiple of the condition is
-therefore subtracted from each torque row beside a crossing: the row stays bounded and sparse.
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2. Its coefficients y multiply
+functions of xi = stretch(sigma), which is steep at the crossings. Torques are affine in z and in
+u = d2 sigma/dt2 = z'/2.
+
+Condition (8) keeps torques finite at a crossing, and is a sparse equality on y. Where it is not met, torques
+have a pole. A multiple of the condition is therefore subtracted from each torque row beside a crossing: the
+row stays bounded and sparse.
 """
 
 from __future__ import annotations
@@ -153,8 +158,11 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     required = problem.demand(sigma)
     c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
     c = c + required.friction(problem.specification.friction)
+
+    # z and u as rows (M, n) on the coefficients of z
     z = basis.matrix(xi)
     u = diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    # the rows of each motor, bounded beside crossings
     torques = []
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
         matrix = diags_array(motor_cz) @ z + diags_array(motor_cu) @ u
@@ -234,6 +242,6 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     rows = diags_array(per_z) @ z + diags_array(per_slope) @ z_xi + diags_array(per_bend) @ z_xi_xi
     if problem.response is None:
         return Affine(rows, constant)
-    loaded = problem.response.scalars  # (k, n)
+    loaded = problem.response.scalar_slopes  # (k, n)
     matrix = vstack([csr_array(loaded), rows[len(loaded) :]], format="csr")
     return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))

@@ -1,7 +1,9 @@
 """The least cost of a problem, whatever the smoothness of the law: on refined cells, in units of the optimum.
 
-Non-negative B-splines on cells of width h cannot come nearer to zero than h^2 z", nor follow a kink. Cells
-are therefore cut in two where coefficients are nearly zero or bend sharply, until the cost settles.
+A law is a squared speed z with coefficients y in xi(sigma), a parameter that is steep at the crossings; cells
+are intervals of xi. Non-negative B-splines on cells of width h cannot come nearer to zero than h^2 z", nor
+follow a kink. Cells are therefore cut in two where coefficients are nearly zero or bend sharply, until the
+cost settles.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
-FIRST_CELLS, MAX_CELLS = 60, 180
+FIRST_CELLS, MAX_CELLS = 60, 180  # of xi, for splines
 CELLS_PER_DEGREE = 0.5  # of a series
 # rounds of cutting cells; relative change of the cost below which the cost is settled
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
@@ -106,17 +108,20 @@ def find_least_cost(
     them.
 
     Args:
-        cells: (k + 1,) edges in xi, at first; see `first_cells` for the default.
+        cells: (k + 1,) edges in xi, at first; by default, `first_cells` chooses them.
         torque_limits: whether the torque limits of the specification hold.
         units: units of a similar program, from which the solution begins.
     """
     goal = problem.specification.goal
     cells = first_cells(problem) if cells is None else cells
+    # the least peak is within the torque limits, or a program with them is solved
     if goal == "peak_torque" and problem.specification.limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False, units=units)
         if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
             return unlimited
         return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
+
+    # solve on cells that are cut until the cost settles
     best: LeastCost | None = None
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
@@ -161,10 +166,11 @@ def solve_least_cost(
     torque_limits: bool = True,
     limit_share: float = 1.0,
 ) -> LeastCost | NoneFound:
-    """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
+    """Solve a program for its goal within a share of the limits, in units corrected by the optimum.
 
     A solver ends early or stalls if the optimum is far from 1. Units are therefore replaced by those of the
-    optimum until the two are within MAX_UNIT_RATIO. If the solver gives up, units of a quicker law follow.
+    optimum until both agree within a factor of MAX_UNIT_RATIO. If the solver gives up, the units of a quicker
+    law are tried.
 
     Args:
         units: the first units; by default an estimate.
@@ -185,10 +191,10 @@ def solve_least_cost(
                 return NoneFound(program, speed.status)
             if goal == "time":
                 units = units._replace(time=0.1 * units.time)
-            else:
+            else:  # inertial torques grow as the time gets shorter
                 units = Units(0.5 * units.time, 2.0 * units.torque)
             continue
-        optimal = own_units(goal, speed, units)
+        optimal = optimum_units(goal, speed, units)
         # the cost is a time or a torque: only the unit of the cost needs correction
         new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
         if max(new / old, old / new) < MAX_UNIT_RATIO:
@@ -199,14 +205,17 @@ def solve_least_cost(
     return LeastCost(program, speed, optimal)
 
 
-def own_units(goal: str, speed: Speed, units: Units) -> Units:
-    """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
+def optimum_units(goal: str, speed: Speed, units: Units) -> Units:
+    """Return the units of time and torque in which an optimum's duration and torque are 1.
+
+    The torque is the root mean square for the goal "energy", and the peak for all others.
 
     Args:
         goal: goal of the program.
-        speed: the optimum, with its costs.
-        units: returned if the speed has no finite duration.
+        speed: the optimum, with its durations, peaks and energy.
+        units: returned if the optimum has no finite duration.
     """
+    # the solver sees the duration by the program's own quadrature, where it is an unknown
     time = speed.least_duration if np.isfinite(speed.least_duration) else speed.duration
     if not np.isfinite(time):
         return units
@@ -232,7 +241,7 @@ def _first_units(program: SpeedProgram) -> Units:
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
     time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
 
-    # inertia: torque over the reference per z, of the motor that needs most
+    # inertia [s^2]: torque over the reference per z, of the motor that needs most
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:
@@ -266,6 +275,7 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
         return np.zeros(len(program.cells) - 1, dtype=bool)
     lowest = LOW_COEFFICIENT * np.median(y)
     low = np.flatnonzero(y <= lowest)
+    # three successive coefficients (n - 2, 3); low ones, which are cut anyway, are raised to `lowest`
     triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, lowest), 3)
     second_difference = np.abs(triples @ [1.0, -2.0, 1.0])
     first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))

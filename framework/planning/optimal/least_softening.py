@@ -7,8 +7,9 @@ the loaded robot has fallen to half of g. So deflections in balance need
 
     rho = -eps h / g <= 1/2        everywhere along the path.
 
-To first order h is affine in the squared speed z of the law and in its slope, and the law of least rho is the
-solution of a linear program. At a crossing rho is 0 / 0; -eps h g / (g^2 + delta^2) takes its place.
+To first order h is affine in the squared speed z = (d sigma/dt)^2 of the law and in u = z'/2, and the law of
+least rho is the solution of a linear program in the coefficients y of z. At a crossing rho is 0 / 0;
+-eps h g / (g^2 + delta^2) takes its place.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from framework.planning.optimal.speed_program import SpeedProgram
 from framework.planning.refusals import LeastSoftening
 
 CROSSING_SHARE = 0.06  # delta over the largest |g| of the path
-LEAST_SQUARED_SPEED = 0.02  # z of all laws, times the duration squared
+LEAST_SQUARED_SPEED = 0.02  # lower bound of z times the duration squared
 MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the solver
 
 
@@ -42,13 +43,15 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     program = SpeedProgram.on_cells(problem, first_cells(problem))
     unit = duration**-2  # of y
     softening = _softening_rows(problem.task, program)
-    slopes = unit * softening.matrix
+    slopes = unit * softening.matrix  # (M, n) of the softening at each point by y in its unit
     largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
+    # the unknown rho is at least the softening at each point, and is minimised
     below_rho = AffineRows(
         {"y": csr_array(-slopes / largest[:, None]), "rho": csr_array(1.0 / largest[:, None])},
         -softening.offset / largest,
     )
     positive = program.positive_rows
+    # a law must advance everywhere; the program has no strict z > 0, but a lower bound
     above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
     optimum = solve_cone_program(
         ConeProgram(
@@ -60,35 +63,50 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     )
     if isinstance(optimum, Unsolved):
         return None
-    rho = slopes @ optimum["y"] + softening.offset
+    rho = slopes @ optimum["y"] + softening.offset  # (M,)
     worst = np.array([rho.argmax()])
     s = problem.task.phi(problem.sigma(program.xi[worst]))
     return LeastSoftening(float(s[0]), float(rho.max()))
 
 
 def _scale_conditions(conditions: Affine, unit: float) -> AffineRows:
-    """Return conditions (k, n) with a largest entry of 1, on y in a unit [1/s^2]."""
+    """Return conditions (k, n) on y / unit, each row scaled to a largest entry of 1, for the solver.
+
+    Args:
+        conditions: rows matrix y + offset = 0, with y in 1/s^2.
+        unit: of y [1/s^2].
+    """
     sizes = np.abs(conditions.matrix).max(axis=1).toarray().ravel()  # (k,)
+    sizes[sizes == 0.0] = 1.0  # of a condition that every law meets
     return AffineRows({"y": diags_array(1.0 / sizes) @ conditions.matrix}, conditions.offset / (unit * sizes))
 
 
 def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
-    """Compute rho at the M points of a program as an affine function of the coefficients y of z."""
+    """Compute rho at the M points of a program as an affine function of the coefficients y (n,) of z.
+
+    The softening h is affine in z and u = z'/2, h = h_0 + h_z z + h_u u. Its values at three pairs (z, u)
+    give these parts.
+    """
     sigma = program.problem.sigma(program.xi)
-    # h at three (z, u) gives its part per 1, per z and per u = z'/2
     g, h_rest = _measure_at(task, sigma, 0.0, 0.0)
-    _, h_z = _measure_at(task, sigma, 1.0, 0.0)
-    _, h_u = _measure_at(task, sigma, 1.0, 1.0)
+    _, h_at_z = _measure_at(task, sigma, 1.0, 0.0)
+    _, h_at_z_and_u = _measure_at(task, sigma, 1.0, 1.0)
+    # values of z and u as rows (M, n) on y; u = dz/dsigma / 2 by the chain rule through xi
     z = program.basis.matrix(program.xi)
     u = diags_array(0.5 * task.stretch(sigma, 1)) @ program.basis.matrix(program.xi, 1)
-    h = diags_array(h_z - h_rest) @ z + diags_array(h_u - h_z) @ u
+    h = diags_array(h_at_z - h_rest) @ z + diags_array(h_at_z_and_u - h_at_z) @ u
     delta = CROSSING_SHARE * np.abs(g).max()
-    weight = -g / (g**2 + delta**2)
+    weight = -g / (g**2 + delta**2)  # -1 / g away from the crossings
     return Affine((diags_array(weight) @ h).toarray(), weight * h_rest)
 
 
 def _measure_at(task: Task, sigma: Array, z: float, u: float) -> Softening:
-    """Compute the measure and its softening at sigma (M,) under z = (d sigma/dt)^2 and u = d2 sigma/dt2."""
+    """Compute the measure g and its softening h, each (M,), at sigma (M,) with springs at rest.
+
+    Args:
+        z: (d sigma/dt)^2 [1/s^2] at all points.
+        u: d2 sigma/dt2 [1/s^2] at all points.
+    """
     phi, dphi, ddphi = (task.phi(sigma, order) for order in range(3))
     s = [phi, dphi * np.sqrt(z), ddphi * z + dphi * u]  # with two time derivatives
     x, dx, ddx = time_derivatives(task.branch.path, s)

@@ -164,12 +164,12 @@ def _intersect_edges(first: Array, second: Array) -> Array:
         Both corners (s', s'^2, s") of each pair, (2, T, pairs, 3); NaN if the edges do not meet.
     """
     per_u_first, per_u_second = first[..., 2:3], second[..., 2:3]
-    b, a, _, c = np.moveaxis(first * per_u_second - second * per_u_first, 2, 0)
+    b, a, _, c = np.moveaxis(first * per_u_second - second * per_u_first, 2, 0)  # s" is eliminated
     steeper = np.where(np.abs(per_u_first) > np.abs(per_u_second), first, second)
-    per_speed, per_z, per_u, bound = np.moveaxis(steeper, 2, 0)
+    per_speed, per_z, per_u, bound = np.moveaxis(steeper, 2, 0)  # (T, pairs) each
     with np.errstate(divide="ignore", invalid="ignore"):
         q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # both terms have one sign
-        roots = np.stack([q / a, -c / q])
+        roots = np.stack([q / a, -c / q])  # whose product is -c / a
         speed = np.where(np.isfinite(roots), roots, np.nan)
         acceleration = (bound - (per_speed + per_z * speed) * speed) / per_u
     return np.stack([speed, speed**2, acceleration], axis=3)

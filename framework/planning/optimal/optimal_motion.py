@@ -1,8 +1,9 @@
 """The best motion along a path: the law of a cone program, alternating with certified inverse dynamics.
 
-A rigid robot usually needs one round. An elastic robot cannot follow every law: its law is replaced by the
-nearest series with deflections in balance. About the resulting motion, torques are linear in the law. The
-next cone program uses this linear model, as long as the certified motion becomes better.
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2, splines or one series. A rigid robot
+usually needs one round. An elastic robot cannot follow every law: its law is replaced by the nearest series
+with deflections in balance. About the resulting motion, torques are linear in the law. The next cone program
+uses this linear model, as long as the certified motion becomes better.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ from framework.tolerances import (
 TRUSTED_SHARES = (np.inf, 0.3, 0.1)
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
-ENERGY_SAMPLES = 2001
+ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
 SERIES_DEGREE = 40  # of z as one series
@@ -165,8 +166,8 @@ class _ElasticSearch:
     """The search for the law of an elastic robot.
 
     The first aim is a law whose motion is resolved and at rest at its ends: each stage asks for a smoother
-    law. Then better laws are sought with torques linear in the law about the last motion. Viscous damping is
-    part of these torques; before, it is left out of the law, though not of its motion.
+    law. Then better laws are sought with torques linear in the law about the last motion. These torques
+    contain viscous damping. The first laws are found without damping, but their motions have it.
 
     task: the task as it was set.
     next_task: the task with the limits of the next law.
@@ -176,10 +177,10 @@ class _ElasticSearch:
     stage: index of the stage of the next law.
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     failures: number of failures since there is a best motion.
-    last_law: the last law found.
+    last_law: the last law found, from which the next search resumes.
     balance: the balance of the last motion at this stage; None if `resolve` finds the deflections.
     response: the response of the torques to the law, about that motion.
-    speed_places: s of the crossings of that motion, where speeds may be required.
+    speed_places: s of the crossings of that motion, where the required speeds, if any, must hold.
     best_motion: the best certified motion within the limits.
     first_failure: raised if no stage succeeds.
     """
@@ -210,6 +211,8 @@ class _ElasticSearch:
                 elif isinstance(failure, SearchEnded) or not self._try_nearer():
                     return self.best_motion
                 continue
+
+            # keep the motion if it is within the limits and better than the best one
             excess = limit_excess(motion.dynamics, self.task.specification)
             is_settled = motion is self.best_motion  # the new law costs no less
             if not is_settled and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
@@ -218,6 +221,8 @@ class _ElasticSearch:
                 self.best_motion = motion
                 report_result()
                 is_settled = self.balance is None or _has_predicted_peak(motion)
+
+            # end, or linearise about the motion and search again
             if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
             self._prepare_next(motion, excess)
@@ -235,7 +240,11 @@ class _ElasticSearch:
         return self.failures < len(TRUSTED_SHARES)
 
     def _try_smaller_share(self, gap: float) -> bool:
-        """Lower the share for smoothness if the gap to the least cost is large; return False if not."""
+        """Lower the share for smoothness if the gap to the least cost is large; return False if not.
+
+        Args:
+            gap: cost of the smooth law over the least cost, less 1.
+        """
         share = gap / GAP_REDUCTION
         is_tried = self.share is not None and self.share <= share
         uses_splines = self.stages[self.stage].degree is None
@@ -259,9 +268,10 @@ class _ElasticSearch:
         return OptimalMotion(dynamics, law, best)
 
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
-        """Find the nearest law in balance, and its motion.
+        """Find the law in balance nearest to `law`, and its certified motion.
 
-        Deflections shift the crossings. The law is found again until the required speeds are met there.
+        Deflections shift the crossings along the path. If speeds are required, the law is found again until
+        it has these speeds at the shifted crossings.
         """
         for _ in range(MAX_SPEED_STEPS):
             previous = self.balance and self.balance.deflections
@@ -279,7 +289,7 @@ class _ElasticSearch:
         Then the first stage of splines follows.
         """
         stage = self.stages[self.stage]
-        is_first_series = self.response is None and stage.degree is not None
+        is_first_series = self.response is None and stage.degree is not None  # without linear torques
         task = self.next_task
         if is_first_series:  # splines are tried next, so a refusal needs no explanation yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
@@ -292,6 +302,8 @@ class _ElasticSearch:
             duration = self.last_law.law.duration
         if duration is not None:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
+
+        # search; without a law as one series, begin with the stages of splines
         try:
             return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
         except (NoLaw, NotConverged):
@@ -301,12 +313,12 @@ class _ElasticSearch:
         return self._find_law()
 
     def _improves(self, cost: float) -> bool:
-        """Return whether a cost is below that of the best motion by more than the error of peaks."""
+        """Return whether a cost [unit of the goal] is below the best one by more than the error of peaks."""
         assert self.best_motion is not None
         return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost_of_motion(self.task, self.best_motion)
 
     def _choose_smoother(self, failure: NoAnswer) -> None:
-        """Proceed to the next stage after a failure.
+        """Proceed to the next stage after a failure, without the results of the last stage.
 
         Raises:
             NoAnswer: no smoother law can help, or no stage is left.
@@ -324,11 +336,15 @@ class _ElasticSearch:
             raise self.first_failure
 
     def _check_ends(self) -> None:
-        """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
+        """Raise NoLaw if the robot at rest has no equilibrium at an end of the path.
+
+        The equilibrium is followed from rigid springs to those of the robot. If it turns back before, at a
+        static fold, only stiffer springs hold the load.
+        """
         for s in (0.0, 1.0):
-            compliance = find_static_fold(self.task.branch, s)
+            compliance = find_static_fold(self.task.branch, s)  # of the fold, over that of the robot
             if compliance is not None:
-                stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)
+                stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)  # over the robot's stiffness
                 raise NoLaw(
                     f"{self.task.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
                     f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
@@ -338,7 +354,7 @@ class _ElasticSearch:
                 )
 
     def _check_softening(self) -> None:
-        """Raise NoLaw if the law that softens the robot least leaves no deflections in balance."""
+        """Raise NoLaw if even the law of least softening has no deflections in balance, to first order."""
         duration = self.task.specification.duration or (self.last_law and self.last_law.law.duration)
         if not duration:
             return
@@ -364,6 +380,10 @@ class _ElasticSearch:
         """Linearise torques about a motion in balance; without one, lower the limits by the excess.
 
         Earlier failures say nothing about the laws that follow, and are dropped.
+
+        Args:
+            motion: the last motion, in balance if `self.balance` is set.
+            excess: largest ratio of a torque or speed to its limit.
         """
         self.first_failure = None
         self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
@@ -376,7 +396,7 @@ class _ElasticSearch:
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:
-    """Return whether the peak torque of a motion is the one that its optimum predicted."""
+    """Return whether a motion's peak torque agrees with the cone program's, within PEAK_TORQUE_MISMATCH."""
     peak = float((motor_peaks(motion.dynamics)[0] / motion.best.reference).max())
     return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
 
@@ -397,7 +417,7 @@ def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
 
 
 def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law.
+    """Compute and certify the torques of a law along the path of a task.
 
     Args:
         known: deflections in balance; None to solve for the deflections.

@@ -1,4 +1,8 @@
-"""The task of an optimal law: its specification, and its conditions where the robot is singular."""
+"""The task of an optimal law: its specification, and its conditions where the robot is singular.
+
+A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2; u = d2 sigma/dt2 = z'/2. Condition
+(8), t_s . W_p = 0, keeps torques finite at a crossing (`planning.condition`). It is affine in z and u.
+"""
 
 from __future__ import annotations
 
@@ -100,6 +104,7 @@ def conditions_at(
     if speed_places is None:
         speed_places = [point.s for point in points]
     speeds = task.request.speeds or ()
+    # without required speeds the places do not matter
     for s, speed in zip(speed_places, speeds, strict=bool(speeds)):
         sigma = float(task.phi.inverse(s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))

@@ -4,9 +4,9 @@ The search for a law takes dozens of cone programs with thousands of points. `Sa
 speeds there by Chebyshev series, which require the robot's equations at only some hundred poses. All torques
 have a pole at a crossing s_c, so that the series are those of torque (s - s_c).
 
-Bounds of all laws need error bounds and products, and so functions in Bernstein form, `PathSeries`. Over
-their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Their multipliers nu
-(m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
+Bounds of all laws need error bounds and products, and so functions in Bernstein form, `PathSeries`. A law
+s(t) has z = s'^2 and u = s" = z'/2. Over their reference, torques are c + cz z + cu u + d sqrt(z). Their
+multipliers nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 
@@ -129,19 +129,19 @@ class _Fit(NamedTuple):
 
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells.
+    """Fit the functions of `PathSeries` on cells: v_i, v_i . c, v_i . cz, v_i . d and squared speeds.
 
     Args:
         reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
         edges: edges (k + 1,) of the cells in s.
     """
     samples = _sample_cells(task, reference, edges)
-    directions, v = _multiplier_basis(samples.per_u)
+    directions, v = _multiplier_basis(samples.per_u)  # e_i (k, m - 1, m) and v_i (k, NODES, m, m)
     torques = (samples.constant, samples.per_z, samples.damping)
     products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, m) v_i . torque
     values = (v, *products, samples.speed_ratio**2)
-    functions, masks = zip(*map(fit_bernstein, values), strict=True)
-    series = PathSeries(edges, directions, *functions)
+    functions, masks = zip(*map(fit_bernstein, values), strict=True)  # masks (k,) of resolved cells
+    series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
     # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
     largest_v = np.abs(v).max(axis=1)  # (k, m, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
@@ -152,14 +152,17 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
 
 
 class _Samples(NamedTuple):
-    """Torques over their reference, and speeds, at the nodes of k cells; m motors have a reference."""
+    """Torques over their reference, and speeds, at the nodes of k cells.
+
+    The torques of the m motors with a reference are c + cz z + cu u + d sqrt(z); n motors have a speed limit.
+    """
 
     constant: Array  # (k, NODES, m) c, with the mean dry friction of each cell
     per_z: Array  # (k, NODES, m) cz
     damping: Array  # (k, NODES, m) d
     per_u: Array  # (k, NODES, m) cu
-    speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits, of the n motors with a limit
-    friction_error: Array  # (k, m) of c
+    speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits
+    friction_error: Array  # (k, m) error of c, because the friction is its mean; 0 unless a motor reverses
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
@@ -183,7 +186,7 @@ def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
 
 
 def _finite_ratio(values: Array, limit: Array) -> Array:
-    """Return values (..., n_a) over finite limits (n_a,); motors without a limit are left out."""
+    """Return values (..., n_a) over limits (n_a,), without the motors whose limit is infinite."""
     return (values / limit)[..., np.isfinite(limit)]
 
 

@@ -1,8 +1,9 @@
 """Lower bounds of the peak torque or the duration of every law, and the proof that no law keeps its limits.
 
-They hold for rigid robots with as many motors as axes, on paths that cross the locus transversally, and for
-all laws that advance from rest to rest, whatever their discretisation. Otherwise there is no bound, and
-nothing is proved.
+The bounds are found by multipliers nu of the torques, mu of the speed limits and lambda of the duration
+(`dual_program`), on cells of the path coordinate s. They hold for rigid robots with as many motors as axes,
+on paths that cross the locus transversally, and for all laws that advance from rest to rest, whatever their
+discretisation. Otherwise there is no bound, and nothing is proved.
 """
 
 from __future__ import annotations

@@ -79,8 +79,12 @@ class Demand(NamedTuple):
         return AffineInSpeed(constant + half_damping * root, per_z + half_damping / root, per_u)
 
     def friction(self, size: Array) -> Array:
-        """Return torques (M, n_a) of dry friction of sizes (n_a,), with the signs of motor speeds."""
-        if self.direction is None:
+        """Return torques (M, n_a) [N m] of dry friction, with the signs of the motor speeds.
+
+        Args:
+            size: (n_a,) [N m] torque of each motor's dry friction.
+        """
+        if self.direction is None:  # no motor has dry friction
             return np.zeros((len(self.speed), len(size)))
         return size * speed_signs(self.direction)
 

@@ -1,5 +1,9 @@
 """The search for the smoothest law near the least cost, and for laws that take a given duration.
 
+A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma, with coefficients y. Its
+duration is T(z) = integral of z^(-1/2). Laws come from cone programs (`speed_program`) with a lower bound of
+z, the floor.
+
 The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
 the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
 below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
@@ -63,7 +67,7 @@ class SmoothSearch(NamedTuple):
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
-        if self.goal == "time":  # the cost is the duration
+        if self.goal == "time":  # the cost is the duration, by the program's quadrature
             return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
         if longest is None:
             longest = self.duration_limit
@@ -71,7 +75,8 @@ class SmoothSearch(NamedTuple):
             longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
         if self.goal == "energy":
             return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
-        largest_peak = cost_factor * self.least.peak  # the cost of the other goals
+        # the cost of the other goals is the peak; a law within the torque limits stays within them
+        largest_peak = cost_factor * self.least.peak
         if specification.limited and self.least.peak <= 1.0:
             largest_peak = min(largest_peak, 1.0)
         return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
@@ -374,16 +379,16 @@ class SmoothSearch(NamedTuple):
 
 
 def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
-    """Whether a law was found that takes at least a duration [s], and not forever."""
+    """Return whether a law was found that takes at least a duration [s], and not infinitely long."""
     return isinstance(law, Speed) and duration <= law.duration < np.inf
 
 
 def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) -> Array:
     """Return caps (m,) of z [1/s^2] with which an interval in sigma takes longer than a duration [s].
 
-    At the constant speed width / duration the interval takes exactly the duration; the cap of the speed is
-    0.7 of this. Caps are above the floor, so that the program has a solution. They are infinite where the law
-    does not wait.
+    At the constant speed width / duration the interval takes exactly the duration. The cap is 0.7 of this
+    speed, so that the interval takes even longer. Caps are 1 % above the floor, so that the program has a
+    solution. They are infinite where the law does not wait.
 
     Args:
         waits: mask (m,) of the interval.

@@ -1,7 +1,8 @@
 """The cone program of the best law along a path, in the squared speed z.
 
-z has B-spline coefficients y on cells of xi(sigma), and is positive everywhere if y >= floor > 0. The
-relations
+A law s = phi(sigma(t)) has z = (d sigma/dt)^2 and u = d2 sigma/dt2 = z'/2. The coefficients y of z multiply
+B-splines on cells of xi(sigma), or the functions of one Chebyshev series. Splines are positive everywhere if
+y >= floor > 0. The relations
 
     torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
                                   energy = integral of e,     e r >= |torque|^2
@@ -95,7 +96,7 @@ class SpeedProgram:
 
     problem: LawProblem
     basis: SpeedBasis
-    cells: Array  # (k + 1,) edges in xi of the cells that hold the points; those of the splines, if any
+    cells: Array  # (k + 1,) edges in xi of the cells with the points; also those of splines, if z has any
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
     rows: MotorRows  # at the points, then at crossings, then at further_xi
@@ -128,17 +129,20 @@ class SpeedProgram:
 
     @cached_property
     def _inner_points(self) -> slice:
-        """The P points with a weight: all but the ends."""
+        """The slice of the P inner points, all but the ends.
+
+        The ends have the weight zero in integrals.
+        """
         return slice(1, len(self.xi) - 1)
 
     @property
     def _inner_weights(self) -> Array:
-        """Weights (P,) of the points with a weight."""
+        """Weights (P,) of integrals over sigma, at the inner points."""
         return self.weights[self._inner_points]
 
     @cached_property
     def z(self) -> Any:
-        """Values (P, n) of z at the points with a weight."""
+        """Rows (P, n) that give the values z = rows @ y at the inner points."""
         return self.basis.matrix(self.xi[self._inner_points])
 
     @cached_property
@@ -172,7 +176,7 @@ class SpeedProgram:
 
     @cached_property
     def fine_quadrature(self) -> tuple[Any, Array]:
-        """Values (F, n) of z at fine points, and weights (F,) of integrals over sigma."""
+        """Rows (F, n) of z on y at fine points, and weights (F,) of integrals over sigma."""
         cells = _subdivide(self.cells, FINE_PARTS)
         counts = np.full(len(cells) - 1, FINE_POINTS)
         xi, weights = _integration_points(self.problem, cells, counts)
@@ -340,23 +344,24 @@ class SpeedProgram:
         return rows
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
-        """Return the row T_lin(z) - duration, with the tangent T_lin of T(z) at the z_0 of coefficients y.
+        """Return the row T_lin(z) - duration, which must not be negative.
 
-        T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
+        T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2):
+        T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. The row is in units of `units.time`.
 
         Args:
-            y: (n,) [1/s^2].
-            duration: [s].
-            units: units of the program.
+            y: coefficients (n,) of z_0 [1/s^2].
+            duration: the least value of T_lin [s].
+            units: units of the program; its unknowns y are in 1 / time^2.
         """
         weights = self._inner_weights
-        z_0 = self.z @ y * units.time**2  # in units of 1 / time^2
+        z_0 = self.z @ y * units.time**2  # (P,)
         slope = csr_array((-0.5 * weights * z_0**-1.5)[None]) @ self.z
         constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
         return AffineRows({"y": slope}, np.array([constant]))
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return bounds of torques and squared speeds as rows that may not be negative.
+        """Return bounds of torques and squared speeds, as rows that must not be negative.
 
         The unknown `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed",
         and both, as a multiple of their limits, for "limits".
@@ -386,10 +391,10 @@ class SpeedProgram:
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return the rows of each motor's torque over its reference, in a program's units.
+        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units.
 
         Args:
-            units: units of time and torque of the program.
+            units: units of time and torque of the program; y is in 1 / time^2.
         """
         torques = []
         for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):

@@ -1,6 +1,7 @@
 """The best law of an undeformed robot, or of torques linear in the law, or the refusal if there is none.
 
-Viscous damping is linearised about the previous law, until the error of the linearised torque is small.
+A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma. Viscous damping is linearised
+about the previous law, until the error of the linearised torque is small.
 
 A failed search on cells proves nothing. Two bounds of every law do: the torque that holds the robot at rest
 at the ends, and the bound of the peak torque by duality (`peak_bound`). A refusal advises limits and
@@ -222,6 +223,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
 
+    # a proof, if there is one, and what would help
     evidence = _search_remedies(problem, cells, least, is_held=holding is None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
