@@ -84,6 +84,7 @@ def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
     """Return the grid of all declared parameter values, or the rows of a table.
 
     Args:
+        file: robot file that declares the parameters.
         table: CSV file with parameter names in the first line and the values of a design in each other line.
 
     Raises:
@@ -142,7 +143,7 @@ def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
 
 
 def column_names(task: StudyTask) -> tuple[str, ...]:
-    """Return the names of the columns of a study."""
+    """Return the names of the columns: areas, then least, median and largest of each quantity."""
     loaded = ["carried_area"] if has_loaded([QUANTITIES[key] for key in task.keys]) else []
     return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
 
@@ -165,7 +166,8 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
-        lower, upper = np.reshape(task.window, (2, 2)).T  # of the first and the second axis
+        ranges = np.reshape(task.window, (2, 2))  # one axis a row: least value, largest value
+        lower, upper = ranges.T  # (2,) each, of both axes
         shape = (task.size, task.size)
         window = Window(map_axes(robot, task.axes), lower, upper, shape, robot.reference.x)
     return _statistics(workspace_map(robot, window, task.keys))

@@ -151,14 +151,19 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     All other poses are NaN, with the reason NO_NEIGHBOUR. The poses nearest to the reference are assembled in
-    turn until one succeeds; the others are reached from their neighbours. If cells are longer than a step may
-    be, they are subdivided: poses between those of the window are computed too, but not returned.
+    turn until one succeeds; the others are reached from their neighbours. With a stride of 1, cells longer
+    than MAX_NEIGHBOUR_DISTANCE are subdivided: poses between those of the window are computed too, but not
+    returned.
+
+    Args:
+        stride: distance between computed poses [rows or columns]; above 1 only if `stride` cells in a row are
+            no longer than MAX_NEIGHBOUR_DISTANCE, so that no cell is subdivided.
 
     Raises:
         InvalidInput: the window is too wide.
         OutOfReach: no pose near the reference is reached.
     """
-    # the grid of all poses that are computed; only those of the window are returned
+    # the grid of all poses that are computed: that of the window, unless cells are too long
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)
     if max(rows, columns) > MAX_EDGE_POSES:
@@ -179,7 +184,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q[i, j] = first_q
     reason[i, j] = PoseReason.REACHED
     fill_grid(robot, x, q, reason, [stride])
-    window_poses = np.s_[::subdivisions, ::subdivisions]  # without those between
+    window_poses = np.s_[::subdivisions, ::subdivisions]  # without the poses between them
     return q[window_poses].copy(), reason[window_poses].copy()
 
 

@@ -154,7 +154,8 @@ class ControlLoop:
 
     tolerance: float = 2.5e-3  # [robot lengths, rad]
     end: float = 2.5e-3  # [robot lengths, rad]
-    limit: tuple[float, ...] | None = None  # (n_a) largest motor torques [N m]; None: see `torque_limit`
+    # (n_a,) largest motor torques [N m, N]; None: those of the robot file, or 10 times the plan's peaks
+    limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
     def __post_init__(self) -> None:
@@ -185,7 +186,7 @@ class Run(Outcomes):
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the torque limits (n_a,) [N m] of the loop.
+    """Return the torque limits (n_a,) [N m, N] of the loop.
 
     By default they are the limits of the robot file. A motor without one has 10 times the plan's peak, which
     only a diverging run asks for.

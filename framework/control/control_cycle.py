@@ -83,8 +83,8 @@ class ControlCycle:
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
-        self._scale = robot.passive_scale  # (m, m) of the entries of P
-        self._passive_lengths = robot.column_scale[robot.following]  # (m,) of the unknowns
+        self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
+        self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
         self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
 
         self.q, self.x = start.q.copy(), start.x.copy()
@@ -164,9 +164,9 @@ class ControlCycle:
     def type2(self) -> float:
         """Distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths].
 
-        With P (m, m) the passive columns of the loops and sigma their least singular value, the distance lies
-        in [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode,
-        and infinite without passive joints.
+        With P (n_p, n_p) the passive columns of the loops and sigma their least singular value, the distance
+        lies in [sigma / sqrt(n_p), sigma sqrt(n_p)]. It is never negative, as the cycle stays in its assembly
+        mode, and infinite without passive joints.
         """
         norm = float(np.abs(self._inverse).sum(axis=0).max(initial=0.0))
         return 1.0 / norm if norm else np.inf
@@ -243,10 +243,13 @@ class ControlCycle:
         corrected = np.abs(correction / lengths).max()
         predicted = np.abs(prediction / lengths).max()
         tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
+        # a determinant far below the last one is rounding, so its sign says nothing
+        determinant_product = np.linalg.det(self._P) * last_determinant
+        has_same_sign = determinant_product > DETERMINANT_LOST * last_determinant**2
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
+            and has_same_sign
             and self.type2 > BRANCHES_MEET
         )
         return q if is_accepted else None

@@ -133,7 +133,7 @@ def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> A
 # ------------------------------------------------------------------ controllers
 
 
-FADING_RATIO = 0.1  # singular values below this share of the largest one are damped, see `solve_damped`
+FADING_RATIO = 0.1  # share of the largest singular value below which singular values are damped
 
 
 class RobotState(NamedTuple):
@@ -168,31 +168,33 @@ class Controller(Protocol):
 def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
     """Return the measured state at instant k, or an estimate from the motors.
 
-    The state is measured if all joints have encoders. The estimate is one Newton step from the plan. The step
-    dx of the platform solves G dx = measured - planned motor angles; the step of the joints is N dx. Rates
-    are estimated in the same way.
+    The state is measured if all joints have encoders. The estimate is one Newton step from the plan: the
+    offset d (n,) of the platform solves G d = measured - planned motor angles, where G (n_a, n) are the
+    motor angles per unit of x; the joints are off the plan by N d. Rates are estimated in the same way.
 
     Args:
-        aware: whether G is inverted by `solve_damped`, which is aware of the singularity.
+        measurement: of R runs.
+        aware: whether the small singular values of G near the singularity are damped (`solve_damped`). If
+            not, the estimate is infinite where G is singular.
     """
     if measurement.state is not None:
         return measurement.state
     robot = reference.robot
     N = reference.N[k]  # (nv, n) dq/dx
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle_step = measurement.motor_angle - reference.motor_angle[k]
-    speed_step = measurement.motor_speed - reference.motor_speed[k]
-    steps = np.stack([angle_step, speed_step])  # (2, R, n_a)
+    angle_offset = measurement.motor_angle - reference.motor_angle[k]
+    speed_offset = measurement.motor_speed - reference.motor_speed[k]
+    motor_offsets = np.stack([angle_offset, speed_offset])  # (2, R, n_a)
     if aware:
-        x_step, dx_step = solve_damped(G[None], steps)
+        x_offset, dx_offset = solve_damped(G[None], motor_offsets)  # (R, n) each
     else:
         inverse = solve(G[None], np.eye(len(G))[None])
-        x_step, dx_step = matvec(inverse, steps)
+        x_offset, dx_offset = matvec(inverse, motor_offsets)
     return RobotState(
-        q=integrate(robot, reference.motion.q[k], matvec(N, x_step)),
-        v=reference.motion.v[k] + matvec(N, dx_step),
-        x=reference.x[k] + x_step,
-        dx=reference.dx[k] + dx_step,
+        q=integrate(robot, reference.motion.q[k], matvec(N, x_offset)),
+        v=reference.motion.v[k] + matvec(N, dx_offset),
+        x=reference.x[k] + x_offset,
+        dx=reference.dx[k] + dx_offset,
     )
 
 
@@ -286,7 +288,7 @@ class TimeVaryingLQR:
                 f"controller lqr: for rigid robots; {robot.name} has the springs "
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
-        # errors of position (n,), then of speed (n,), in the units of each coordinate
+        # (2, n) deviations of equal cost, of positions and of speeds, in the units of each coordinate
         deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
         Q = np.diag(1 / deviations.ravel() ** 2)
         R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
@@ -329,7 +331,7 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
     Args:
-        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics, see `linearise_error`.
+        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics de/dt = A e + B tau.
         Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
         period: sampling period h [s].
 

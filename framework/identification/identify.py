@@ -93,7 +93,7 @@ class Identification(ReadOnlyArrays):
     noise: float  # ratio of the rows' noise to the torques' noise; 1 if there are no other errors
     cutoff: float  # [Hz]
     poses: str  # source of the poses: motors or platform
-    motor_misfit: float  # of the poses to the motors' angles, see `MeasuredMotion`
+    motor_misfit: float  # [rad, robot lengths] largest offset of the motors' joints from their angles
     instants: int
     seconds: float
 
@@ -167,7 +167,9 @@ def identify(
     Args:
         data: a recording with time, motor angles and torques, and the platform if the motion passes Type 2;
             or the name of its file, see `read_recording`.
-        cutoff, poses: cutoff of the filter [Hz]; "motors" or "platform"; see `measured_motion`.
+        cutoff: cutoff frequency of the filter [Hz]; by default where the angles' spectra become noise.
+        poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
+            if that fails.
         prior: standard deviation of the file's values, over the sizes of each body's parameters.
         massless: whether to include bodies that have no mass in the file.
         progress: called with the number of poses computed from the motors.
@@ -194,17 +196,17 @@ def identify(
 
     # estimate the base parameters, then bodies that can exist
     estimate = _estimate_base_parameters(base, rows)
-    file = base.described.values
+    file_values = base.described.values  # (p,)
     links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
-    parameters = file + links.to_parameters @ (link_values - links.values)
+    parameters = file_values + links.to_parameters @ (link_values - links.values)
 
-    # predict the torques held out
-    error_before = torque_error(robot, regressor, measured, test, file)
+    # predict the torques held out, and keep the file's values if they predict them better
+    error_before = torque_error(robot, regressor, measured, test, file_values)
     error_after = torque_error(robot, regressor, measured, test, parameters)
-    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
+    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):
         link_values = links.values
-        parameters = file
+        parameters = file_values
         error_after = error_before
     return Identification(
         robot=robot,
@@ -418,14 +420,14 @@ def _minimise_misfit(
     return links.values + change @ (V.T @ (T.T @ residual) / root), change
 
 
-def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
     """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
     P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
-    the values of the `file` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
+    the `file_values` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
     the size of rounding are allowed.
     """
-    D = _balancing_scale(file)
+    D = _balancing_scale(file_values)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))

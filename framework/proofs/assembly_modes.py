@@ -257,7 +257,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     rows = np.concatenate(conditions)
     K = group.equations  # number of conditions that have isolated solutions
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
-        return None
+        return None  # too few, or too few that are independent
     if len(rows) > K:  # the homotopy needs K conditions: random combinations keep all solutions
         rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -329,7 +329,8 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
 def _motions_are_group(closure: Closure | None) -> bool:
     """Return whether the relative motions that a closure allows form a group; True for a joint (None).
 
-    They do not if exactly two rotations are free, or if several distances are prescribed.
+    They do not if exactly two rotations are free, as two such motions in a row may turn about any axis, or if
+    several distances are prescribed.
     """
     if closure is None:
         return True
@@ -408,8 +409,8 @@ class _Sampler(NamedTuple):
             R_a, R_b = (self.data.oMf[k].rotation for k in ends)  # of both frames at the reference
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
-                offset -= normal * (normal @ offset)  # stays in the plane
-            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
+                offset -= normal * (normal @ offset)  # in the plane
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b  # by one of the random angles
 
         for distance in distances:
             assert closure.length is not None

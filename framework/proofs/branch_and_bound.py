@@ -19,7 +19,7 @@ from framework.proofs.rounding import ROUND_UP, gamma
 BATCH = 1024  # pieces tested at a time
 NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
-K = TypeVar("K")
+K = TypeVar("K")  # type of the records of proved pieces
 
 
 @dataclass(frozen=True, eq=False)

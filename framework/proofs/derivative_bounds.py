@@ -77,7 +77,7 @@ class DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
-            InvalidInput: joints are coupled, or a ball joint moves, see `list_unbounded_joints`.
+            InvalidInput: joints are coupled, or a ball joint moves.
         """
         excluded = list_unbounded_joints(robot)
         if excluded:
@@ -241,10 +241,9 @@ def _term_vector(
 ) -> tuple[Array, Array, Array]:
     """Return the vector (S, 3) of a term, with two derivatives.
 
-    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. The kind of the
-    term decides. For "direction" the vector is an axis of the second frame, for "turn" the axial vector of
-    the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is
-    p.
+    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. For a term of
+    the kind "direction" the vector is an axis of the second frame, for "turn" the axial vector of the
+    antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is p.
     """
     turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
@@ -263,9 +262,12 @@ def _differentiate_term(
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
-    factor * p . p. Its vector and p are those of its chain, which has the `derivatives` given. The chain's
-    derivatives are relative to the first frame, so its axis counts as fixed. The square has the slopes 2
-    factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
+    factor * p . p. The derivatives of a chain are relative to the first frame, so its axis counts as fixed.
+    The square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them.
+        frames: at S configurations.
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -281,7 +283,7 @@ def _differentiate_term(
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
     factor = term.factor
     if is_square:
-        factor *= 2.0  # of derivatives
+        factor *= 2.0  # of the derivatives, not of the value
         seconds += np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
     return term.factor * value, factor * slopes, factor * seconds
 
@@ -306,6 +308,9 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
 
     |d3p| is at most the lever of the outermost joint if the two others turn, else 0. A direction moves like a
     point on which every hinge has the lever 1, and every slide the lever 0.
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them at the middles.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):

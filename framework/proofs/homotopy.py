@@ -153,11 +153,11 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
     decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
-    status: Status = "at least"
+    # all paths end at single solutions or at infinity
+    is_complete = count.paths == group.bound and count.finite + count.infinite == group.bound
+    status: Status = "numerically complete" if is_complete else "at least"
     if decided == group.bound and are_apart(z, proof.radii):
         status = "proved"
-    elif count.finite + count.infinite == count.paths == group.bound:
-        status = "numerically complete"
     chosen = is_real & is_new
     return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
 
@@ -400,9 +400,10 @@ def _run_endgame(
 
         # track paths with a finite end to it; at a multiple solution they do not arrive
         is_open = is_finite & ~ends.arrived
-        last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
-        ends.z[is_open], ends.arrived[is_open] = last_stretch
-        ends.multiple[is_open] = ~last_stretch.arrived
+        tracked_end = track_paths(group, segment_end, target, last[is_open], rng)
+        ends.z[is_open] = tracked_end.z
+        ends.arrived[is_open] = tracked_end.arrived
+        ends.multiple[is_open] = ~tracked_end.arrived
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:

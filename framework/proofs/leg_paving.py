@@ -88,8 +88,10 @@ def _joint_region(equations: DerivativeBounds, slide_reach: float) -> Boxes:
     """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero."""
     robot = equations.robot
     own = equations.unknowns
-    slide_zeros = -difference(robot, robot.neutral, equations.origin)[own] / robot.length  # offsets
+    # (k,) offsets at which slides are zero
+    slide_zeros = -difference(robot, robot.neutral, equations.origin)[own] / robot.length
     middle = np.where(robot.sliding[own], slide_zeros, 0.0)
+    # half a turn, rounded up so that the ends of the region overlap
     radii = np.where(robot.sliding[own], slide_reach, ROUND_UP * np.pi)
     return Boxes(middle[None], radii[None])
 
@@ -117,14 +119,17 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
 
     Let J (m, n) be the Jacobian at a point, Y its pseudo-inverse and dJ a bound on the change of J within the
     box. Two solutions in the box are impossible if the mean Jacobian between any two of its points has full
-    rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Up to radius 1, dJ grows in proportion to
-    the radius, or faster.
+    rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Within radius r <= 1, dJ is at most r times
+    its value within radius 1, because it grows at least in proportion to the radius. So the row sums are at
+    most defect + r change, with the largest row sums of |1 - Y J| and, at radius 1, of |Y| dJ. The result is
+    the r for which this bound is 1.
     """
     derivatives = equations.evaluate(equations.configurations(points))
-    Y = np.linalg.pinv(derivatives.slopes)  # (k, n, m)
-    defect = identity_defect(Y, derivatives.slopes).sum(axis=2).max(axis=1)
+    J = derivatives.slopes  # (k, m, n)
+    Y = np.linalg.pinv(J)  # (k, n, m)
+    defect = identity_defect(Y, J).sum(axis=2).max(axis=1)  # (k,)
     dJ = derivatives.remainders(np.ones_like(points)).slopes  # (k, m, n) in boxes of radius 1
-    change = np.matvec(np.abs(Y), dJ.sum(axis=2)).max(axis=1)  # largest row sum of |Y| dJ
+    change = np.matvec(np.abs(Y), dJ.sum(axis=2)).max(axis=1)  # (k,)
     return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
@@ -229,15 +234,19 @@ def _bound_slides(robot: ParallelRobot, q: Array, x: Array | None) -> float:
 
 
 def _is_bounded(equations: DerivativeBounds, slide: int) -> bool:
-    """Return whether an unknown, a slide, moves the end of a chain by its own length in all poses.
+    """Return whether a slide moves the end of some chain at its own speed in all poses.
 
-    Tested at random joints; `_bound_slides` holds for such a slide.
+    `_bound_slides` holds for such a slide. The speed is an analytic function of the joints: if it has its
+    greatest value, 1, at random joints, it is 1 in all poses, except by chance.
+
+    Args:
+        slide: index of the slide among the unknowns.
     """
     joints = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # three poses
     slopes = equations.evaluate(equations.configurations(joints)).slopes[:, :, slide]  # (3, m)
     for ends in equations.chains:
         rows = [term.row for term in equations.terms if term.ends == ends and term.kind == "point"]
-        squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end
+        squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end, for a unit rate of the slide
         if np.all(squared_speed > 1 - RANK_ROUNDING):
             return True
     return False

@@ -92,7 +92,8 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     First `within` [robot lengths, rad] is halved repeatedly, down to rounding. Then radii in small steps are
     tried, from the largest proved one to its double.
     """
-    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(np.finfo(float).nmant)))
+    halvings = np.arange(np.finfo(float).nmant)  # as many as a number has binary digits
+    halved = _largest_proved(test, q, np.ldexp(within, -halvings))
     if not halved:
         return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -369,8 +370,9 @@ def _passive_block_is_regular(
 
     Args:
         joint_slopes: (S, k, n) derivatives of the joints along the platform's coordinates.
-        half, dual_norm: size and norm of the cells, see `_bound_over_cell`.
+        half: (S,) half widths of cubes, or radii of balls [robot lengths, rad].
         boxes: (S, k) boxes that hold the joints of the cells.
+        dual_norm: 1 if the cells are cubes, 2 if they are balls.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding

@@ -44,7 +44,7 @@ class WorkingMode(ReadOnlyArrays):
 
     q: Array  # (nq,) configuration
     motors: Array  # (n_a,) motor joints, joint side of the gears
-    signs: Array  # (legs,) see `leg_signs`
+    signs: Array  # (legs,) of the determinant of each leg, 0 at Type 1
     proved: bool  # to exist, and to be the only solution in a neighbourhood
     within_limits: bool  # of the joints in the URDF
 
@@ -110,7 +110,7 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
 
 
 def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
-    """Search the solutions (solutions, k) of each leg, of k joints, with the platform at x (n,).
+    """Search the solutions (solutions, k) of each leg of k joints, with the platform at x (n,).
 
     Solutions are offsets of the joints from the reference [rad, robot lengths]. Newton's method solves the
     equations of loops and platform from random starts.
