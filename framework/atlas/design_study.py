@@ -117,6 +117,7 @@ def design_study(
     """Map all designs and reduce each map to areas and ranges.
 
     Args:
+        task: robot file, window and quantities of the maps.
         executor: computes chunks of designs; None computes them in this process.
         keeper: a folder of finished chunks, which are not computed again; None stores nothing.
         progress: called with the number of finished designs.
@@ -226,7 +227,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
-    """Read designs from a CSV table.
+    """Read designs from a CSV table, of parameters `declared` with their values by name.
 
     Raises:
         InvalidInput: the table has undeclared or repeated names, too many designs, or cells that are not

@@ -273,7 +273,7 @@ def _least_singular_values(matrices: Array) -> Array:
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
     """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
-    The nearest pose is located to rounding; for the others a few halvings are enough.
+    The nearest pose is located to rounding; for the other segments a few halvings are enough.
     """
     coarse = _bisect_segments(centre, segments, COARSE_HALVINGS)
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
@@ -338,7 +338,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
 
 
 def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
-    """Compute g and its slopes (n,) along the offset z at one pose.
+    """Compute g and its slopes (n,) along the offset z from the centre at one pose.
 
     Raises:
         NotAssembled: the platform does not determine the joints, at the end of a branch.

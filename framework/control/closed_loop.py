@@ -92,6 +92,7 @@ def draw_noise(
     Positions are in rad or m, speeds in rad/s or m/s.
 
     Args:
+        spread: standard deviations of the noise.
         seeds: those of the R variations.
         samples: number of sampling instants.
     """
@@ -274,6 +275,8 @@ def _judge(
     """Judge R runs by the tolerances of the control loop; return their outcomes.
 
     Args:
+        ref: the planned motion at K sampling instants.
+        variations: of the R robots from the model.
         lost: (R,) instants [s] at which runs diverged, infinite for the others.
         x: (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods.
         torque: (periods, R, n_a) [N m] of the motors.

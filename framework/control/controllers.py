@@ -309,7 +309,7 @@ class TimeVaryingLQR:
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
     """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
 
-    With deviations e = [x; dx] and tau from the plan, de/dt = A e + B tau, where
+    With the deviations e = [x; dx] and tau from the planned motion, de/dt = A e + B tau, where
     A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
     """
     slopes = forward_derivatives(

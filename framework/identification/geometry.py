@@ -259,7 +259,7 @@ class MeasuredOffsets(NamedTuple):
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
     """Compute offsets of the model from measurements at T instants, and slopes along all joints.
 
-    The m offsets of an instant are in the order of `Measurements`. `frames` are those of the model.
+    The m offsets of an instant are in the order of `Measurements`. `frames` are those of T poses.
     """
     joints = measured.columns
     axes = measured.axes

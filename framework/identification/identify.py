@@ -232,9 +232,10 @@ def _whiten(
 ) -> Rows:
     """Return the equations of the instants in a mask (T,), whitened by the noise of the `measured` torques.
 
-    The equations are those of `ParameterRegressor`. If the torques have the standard deviations E, a diagonal
-    matrix, the wrench W = G' tau has the covariance G' E E G = V diag(variance) V'. Multiplied by
-    diag(variance)^(-1/2) V' the rows have independent unit noise.
+    The terms of the equations N' Y theta + constant = G' tau are those of the `regressor`. If the torques
+    have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
+    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
+    noise.
     """
     scale = robot.platform_scale  # divides moments, so that they compare with forces
     # (n_a,) not zero, even if torques without noise were recorded
@@ -258,7 +259,7 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 
 
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the instants held out: every fourth of 20 blocks of time."""
+    """Return a mask (T,) of the times (T,) held out for validation: every fourth of 20 blocks."""
     share = (times - times[0]) / (times[-1] - times[0])
     count = 5 * HELD_OUT_EVERY  # of blocks
     blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
@@ -279,7 +280,7 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     The base parameters beta, in units of their sizes, solve A beta = b. With A = U S V' the solution is
     V S^-1 U' b, and its covariance is noise^2 V S^-2 V'. The squared noise is the sum of squared residuals
     per degree of freedom. Parameters with a component along directions of zero singular value have infinite
-    deviations.
+    deviations. The `rows` are whitened, so their noise is 1 if torques have no other errors.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]

@@ -48,7 +48,7 @@ class Recording(ReadOnlyArrays):
         return self.values[:, self.names.index(name)]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
-        """Return the columns PREFIX_ENDING as an array (T, k).
+        """Return the columns PREFIX_ENDING of k endings as an array (T, k).
 
         Raises:
             InvalidInput: a column is missing.

@@ -389,7 +389,7 @@ class _Sampler(NamedTuple):
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
         """Draw a pose that a closure allows, of the second body in the first.
 
-        Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
+        Offsets along free axes and rotations about free axes are drawn, those along locked axes are zero. A
         closure with a length keeps the length. In a planar robot a closure with three free rotations turns
         about the normal alone, away from its attitude at the reference.
         """

@@ -211,7 +211,7 @@ class Remainders(NamedTuple):
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
-    """Compute the derivatives of one chain at S configurations.
+    """Compute the derivatives of one chain, whose frames are those of S configurations.
 
     The point p has the first derivatives u_j = w_j x (p - o_j) and the second derivatives w_i x u_j, for i
     before j on the chain or i = j.
@@ -230,7 +230,7 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
     """Compute second derivatives w_i x first_j (S, L, L, 3) of a vector with first derivatives (S, L, 3).
 
     Of two joints the inner one, i, is nearer to the first frame. It turns the derivative along the outer
-    joint j.
+    joint j. `turn_axes` (S, L, 3) are the w of the joints of the chain, 0 of slides.
     """
     inner, outer = chain.joint_tuples(2)
     return cross(turn_axes[:, inner], first[:, outer])
@@ -244,6 +244,10 @@ def _term_vector(
     The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. For a term of
     the kind "direction" the vector is an axis of the second frame, for "turn" the axial vector of the
     antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is p.
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them.
+        frames: at S configurations.
     """
     turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
@@ -289,7 +293,7 @@ def _differentiate_term(
 
 
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over boxes of radii (S, L), given the levers (S, L) at the middles.
+    """Bound the levers (S, L) over boxes of radii (S, L), given each `lever` (S, L) at the middles.
 
     The lever of a joint is the size |u_j| of the derivative of the point along it. A joint moves the point by
     at most radius * lever. The levers of all hinges before it on the chain grow by no more than this.
@@ -334,6 +338,7 @@ def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Ar
     inner joint turns, else 0.
 
     Args:
+        chain: the L joints, of which `turns` marks the hinges.
         lever: (S, L) within the boxes.
         distance: |p| (S,) at the middles.
         thirds: bounds (S, L, L) of sum_k |d3p_ijk| r_k.

@@ -196,7 +196,10 @@ def choose_chart(z: ComplexArray) -> Array:
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
+    """Return whether polydiscs of radii (S, N) about z (S, N) are pairwise disjoint.
+
+    Two of them are disjoint if their discs are so in some coordinate.
+    """
     distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N), rounded down
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal

@@ -75,7 +75,7 @@ def are_leg_solutions_complete(
 
 
 def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
-    """Return whether the joints (k,) of a leg can be paved.
+    """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
     """
@@ -85,7 +85,10 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 
 
 def _joint_region(equations: DerivativeBounds, slide_reach: float) -> Boxes:
-    """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero."""
+    """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero.
+
+    Its coordinates are the offsets (k,) of the unknowns of the `equations` [rad, robot lengths].
+    """
     robot = equations.robot
     own = equations.unknowns
     # (k,) offsets at which slides are zero
@@ -122,7 +125,7 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
     rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Within radius r <= 1, dJ is at most r times
     its value within radius 1, because it grows at least in proportion to the radius. So the row sums are at
     most defect + r change, with the largest row sums of |1 - Y J| and, at radius 1, of |Y| dJ. The result is
-    the r for which this bound is 1.
+    the r for which this bound is 1. The `equations` have n unknowns [rad, robot lengths].
     """
     derivatives = equations.evaluate(equations.configurations(points))
     J = derivatives.slopes  # (k, m, n)

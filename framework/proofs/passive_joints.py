@@ -59,8 +59,8 @@ def find_joints_at_pose(
 def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
     """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
 
-    The slopes are derivatives along all joints. The derivative of an axis e along a joint that turns about
-    w_j is w_j x e.
+    `frames` are those of T configurations. The slopes are derivatives along all joints. The derivative of an
+    axis e along a joint that turns about w_j is w_j x e.
     """
     axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
     turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j

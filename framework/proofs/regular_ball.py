@@ -323,8 +323,8 @@ class _JointBoxes(NamedTuple):
 def _bound_over_cell(slopes: Array, half: Array, dual_norm: int) -> Array:
     """Bound |slopes . dz| (S, ..) over changes dz (S, n) in S cells, slopes (S, .., n).
 
-    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes: the 1-norm over cubes of half
-    width `half`, the 2-norm over balls of this radius.
+    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes, with the exponent
+    `dual_norm`: the 1-norm over cubes of half width `half`, the 2-norm over balls of this radius.
     """
     sizes = np.linalg.norm(slopes, dual_norm, axis=-1)
     return (sizes.T * half).T  # `half` multiplies along the first axis
@@ -338,6 +338,7 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
 
     Args:
+        derivatives: of F at the middles.
         newton: the map at the middles.
         reach: (S, k) largest linear change of the joints with x within the cell.
     """
