@@ -112,7 +112,7 @@ def survey_window(
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
 
     Raises:
-        InvalidInput: see `map_axes`; or `at` has the wrong length.
+        InvalidInput: the axes are not two coordinates of the platform, or `at` has the wrong length.
         OutOfReach: no pose near the reference is reached.
     """
     columns = map_axes(robot, axes)
@@ -140,7 +140,8 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
     q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
-    indices = np.argwhere(within if keep_limits and within.any() else reached)  # (poses, 2)
+    counted = within if keep_limits and within.any() else reached
+    indices = np.argwhere(counted)  # (poses, 2) rows and columns
     margin = SURVEY_MARGIN * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin

@@ -119,7 +119,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
-    # they add up, so the body changes by the change of its payload
+    # parameters of bodies that move as one add up, so their sum changes by the change of the payload
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
     if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)

@@ -199,12 +199,13 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 
 
 def solve_damped(matrices: Array, right: Array) -> Array:
-    """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
+    """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
-    The solutions have the shape (R, k). Let t be FADING_RATIO times the largest singular value. The inverse
-    of a singular value sigma below t is sigma / t^2 instead of 1 / sigma, which is continuous at t and falls
-    to zero with sigma. The solution is NaN for a matrix that is not finite; the decomposition of such a
-    matrix would raise an error for all R of them.
+    The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be
+    FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
+    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
+    NaN for a matrix that is not finite; the decomposition of such a matrix would raise an error for all R of
+    them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)

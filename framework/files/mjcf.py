@@ -48,7 +48,8 @@ START = (
     "start from the keyframe `reference`, where the loops are closed: "
     "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
 )
-# solver parameters of the stiffest equality that MuJoCo can solve
+# Solver parameters of the stiffest equality that MuJoCo can solve: the time constant, two time steps, and
+# the damping ratio; the impedance, 0.9999 at any gap, with the form of a transition that has no effect.
 HARD_EQUALITY = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 
 
@@ -62,7 +63,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     is singular when the second angle is 90 degrees.
 
     Raises:
-        InvalidInput: MuJoCo has no equality for a closure, see `equality_axes`; with `hinges`, a ball has a
+        InvalidInput: MuJoCo has no equality that locks the axes of a closure; with `hinges`, a ball has a
             spring, whose torque three hinges cannot have; without `hinges`, the dynamics of a ball differ
             between its axes.
     """

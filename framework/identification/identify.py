@@ -166,7 +166,7 @@ def identify(
 
     Args:
         data: a recording with time, motor angles and torques, and the platform if the motion passes Type 2;
-            or the name of its file, see `read_recording`.
+            or the name of its CSV file.
         cutoff: cutoff frequency of the filter [Hz]; by default where the angles' spectra become noise.
         poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
             if that fails.

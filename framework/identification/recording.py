@@ -267,7 +267,7 @@ def record_sensors(
     times[-1] = min(times[-1], simulation.duration)
     angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))  # (T, n_a)
     torques = np.asarray(torque(times))  # (T, n_a)
-    is_slide = np.array(robot.torque_units) == "N"  # without a gear
+    is_slide = np.array(robot.torque_units) == "N"  # motors of slides without a gear exert forces
     steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length

@@ -343,8 +343,8 @@ class _Sampler(NamedTuple):
 
     robot: ParallelRobot
     placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
-    normal: Array | None  # (3,) of a planar robot, base axes; else None
-    data: pin.Data  # frames at the reference
+    normal: Array | None  # (3,) normal to the plane of a planar robot, on base axes; None in space
+    data: pin.Data  # with the frames of the reference
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array) -> _Sampler:

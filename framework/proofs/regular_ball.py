@@ -143,15 +143,15 @@ class _Cubes(NamedTuple):
     def inward_neighbours(self) -> IntArray:
         """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none.
 
-        The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
-        them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
-        of the one about the pose, clipped to the range from one before to one behind the smallest cubes
-        within the cube. So it lies within the cube only along axes along which the cube contains the pose.
-        The neighbour is the cube in which that smallest cube lies.
+        Outside of each cube, at its point nearest to the pose, lies one cube of the smallest size (level
+        MAX_CUTS). The neighbour is the cube of the stack that contains this smallest cube. Along each axis
+        the number of this smallest cube is that of the smallest cube about the pose, clipped to the range
+        from one before to one behind the smallest cubes within the given cube. The cube about the pose is
+        its own neighbour.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
-        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)
+        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)  # (S, n)
 
         # of the cubes that contain the smallest one, one for each level, at most one is in the stack
         keys = np.column_stack([self.level, self.numbers]).tolist()
