@@ -73,6 +73,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
     }
     if workspace.load is not None:
         document["load"] = workspace.load_counts
+    # a change of sign between neighbours that no traced curve explains may be a missing part of the locus
     document["locus"] = {
         "status": workspace.locus.sentence,
         "traced": not workspace.locus.why_not,

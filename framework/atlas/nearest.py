@@ -317,6 +317,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     the slopes are zero, or at the end of a branch.
     """
     for _ in range(MAX_FOOT_STEPS):
+        # the step to the point of the linearised locus
         try:
             g, a = _linearise_g(centre, pose)
         except NotAssembled:
@@ -329,6 +330,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
         if distance < NEWTON_STEP:
             return pose if abs(g) < RANK_LOST else None
 
+        # take the step, or RAY_STEP of it, if the pose stays on the branch
         next_z = pose.z + min(1.0, RAY_STEP / distance) * step
         end = centre.step(pose.q[None], pose.z[None], next_z[None], STEP_PARTS)
         if end.reason[0] != PoseReason.REACHED:

@@ -343,6 +343,7 @@ class _VariedRobots(NamedTuple):
         Raises:
             InvalidInput: the loops of a varied robot do not close.
         """
+        # close the loops of each robot near the planned start
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
@@ -355,7 +356,7 @@ class _VariedRobots(NamedTuple):
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
 
-        # delays of the runs in sampling periods, noise of the encoders, friction of the motors
+        # delays, at most the whole motion; noise of the encoders; friction, in shares of the peak torques
         periods = np.rint([variation.delay / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]

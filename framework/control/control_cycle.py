@@ -194,10 +194,12 @@ class ControlCycle:
         columns = self._following  # passive joints
         equations.evaluate_pose(q)
         jacobian = equations.jacobian.take(self._independent, axis=0)
+        # residual in the first column, then J_a (n_p, n_a)
         right_sides = np.empty((len(columns), 1 + len(self._actuated)))
         right_sides[:, 0] = equations.residual.take(self._independent)
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1)
         self._P = jacobian.take(columns, axis=1) * self._scale
+        # solve for the dimensionless step and rates, and restore their units
         try:
             self._inverse = np.linalg.inv(self._P)
         except np.linalg.LinAlgError:

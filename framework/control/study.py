@@ -132,7 +132,7 @@ def run_study(
         finished_runs = sum(len(chunks[chunk_name]) for chunk_name in names)
         progress(finished_runs)
 
-    task = partial(run_chunk, controller, loop, spread, seed)
+    task = partial(run_chunk, controller, loop, spread, seed)  # takes the numbers of the runs
 
     def run_and_report(chunk_runs: range) -> Arrays:
         """Do the runs of a chunk in this process, and report progress within the chunk."""

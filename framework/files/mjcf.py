@@ -73,6 +73,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     SubElement(root, "compiler", angle="radian", autolimits="false")
     gravity = vector_text(model.gravity.linear)
     SubElement(root, "option", timestep=repr(TIME_STEP), gravity=gravity, integrator="implicitfast")
+
+    # the tree: pinocchio numbers parents before children, and the world 0
     bodies = [SubElement(root, "worldbody")]
     q = robot.reference.q
     data = model.createData()
@@ -81,6 +83,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
         bodies.append(_add_body(robot, data, j, bodies[model.parents[j]], hinges=hinges))
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
+
+    # the assembled reference
     keys = SubElement(root, "keyframe")
     qpos = vector_text(convert_to_qpos(model, q, hinges=hinges))
     SubElement(keys, "key", name="reference", qpos=qpos)
@@ -163,6 +167,7 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
     """
     name = str(robot.model.names[j])
     joint = robot.model.joints[j]
+    # columns of the velocity vector: three of a ball, one of other joints
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
         raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges cannot represent")

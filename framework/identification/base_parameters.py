@@ -415,6 +415,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
+    # links that have changed
     elements = elements_by_name(urdf, "link")
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():

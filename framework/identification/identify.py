@@ -183,6 +183,8 @@ def identify(
     started = clock.perf_counter()
     positive("prior", prior)
     base = base_parameters(robot, massless=massless)
+
+    # equations of the recorded motion, without the instants held out for validation
     data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)

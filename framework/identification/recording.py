@@ -100,6 +100,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
+    # the header must name columns of this robot, each once
     valid = recording_columns(robot)
     if not set(header) & set(valid):
         raise InvalidInput(

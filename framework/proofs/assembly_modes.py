@@ -175,6 +175,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
     """
+    # close the loops, and sort the poses by their distance from the reference
     starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
     poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
@@ -373,13 +374,13 @@ class _Sampler(NamedTuple):
         rotations = []
         translations = []
         for placements in self.placements:
-            pose = pin.SE3.Identity()
+            pose = pin.SE3.Identity()  # of the body reached, from the base
             for edge in chain:
                 step = placements[edge.joint]
                 if edge.closure is not None:
                     step = self._draw_closure_pose(edge.closure, rng)
                 pose = pose * (step if edge.forward else step.inverse())
-            pose = pose * self.robot.model.frames[platform].placement
+            pose = pose * self.robot.model.frames[platform].placement  # of the platform's frame
             displacement = pose * reference.inverse()
             rotations.append(displacement.rotation)
             origin_shift = pose.translation - reference.translation

@@ -85,10 +85,11 @@ class DerivativeBounds:
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
                 f"{excluded[0]}"
             )
-        max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])  # of all slides together
+        # lengths bound the rounding of positions: all links in one line, all slides extended, one to spare
+        max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         equations = robot.n + len(robot.loops.names)
-        linear = np.zeros((equations, len(robot.moving)))
+        linear = np.zeros((equations, len(robot.moving)))  # 1 where a platform coordinate is a joint
         if isinstance(robot.platform, JointPlatform):
             linear[: robot.n] = robot.moving == robot.platform.columns[:, None]
         return DerivativeBounds(

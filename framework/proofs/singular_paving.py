@@ -140,6 +140,7 @@ def pave_singularities(
         if region.shape != (2, robot.n) or not (region[0] < region[1]).all():
             raise InvalidInput(f"window: needs (2, {robot.n}) numbers, the least and the largest")
 
+    # pave Type 2, then Type 1 of each leg
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
@@ -169,12 +170,13 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     bounds = test.bounds
     robot = bounds.robot
     k = len(robot.moving)
+    # half a turn is rounded up, so that the ends of the region overlap
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
     partition = branch_and_bound(test, region, max_examined=max_boxes)
 
     arcs = join(partition.proved)
-    undecided = join([partition.undecided, partition.pending])
+    undecided = join([partition.undecided, partition.pending])  # too small, or not tested
 
     # where the platform may be in undecided boxes
     derivatives = bounds.evaluate(bounds.configurations(undecided.middle))

@@ -91,9 +91,11 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
+    # combine the solutions of the legs to modes
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
 
+    # prove that each leg has no other solutions
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)  # (0, nq) without modes
     robot_legs = legs(robot)
     counts = tuple(map(len, solutions))
