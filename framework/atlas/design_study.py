@@ -202,7 +202,10 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 
 
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
-    """Return the settings of a study, as a document of JSON."""
+    """Return the settings of a study, as a document of JSON.
+
+    A hash stands for the robot file, whose path does not count.
+    """
     robot = task.robot()
     return {
         "robot": robot.name,
@@ -223,6 +226,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     arrays |= study.columns
     columns = [*parameters.items(), *study.columns.items()]
     table = [*((name, table_cells(values)) for name, values in columns), (WHY, study.why)]
+    # the document is stored with the arrays too
     return write_document_and_arrays(folder / DOCUMENT, document, document, arrays, table)
 
 

@@ -287,7 +287,9 @@ def _judge(
     tracking_error = np.where(is_lost, MAX_DEVIATION, errors.max(axis=0))
     end_error = np.where(is_lost, MAX_DEVIATION, errors[-1])
     was_running = ref.times[: len(torque), None] < lost  # (periods, R)
+    was_running_at_check = ref.times[instants, None] < lost  # (checks, R)
 
+    # say why runs fail
     why = []
     for time, worst, end in zip(lost, tracking_error, end_error, strict=True):
         if np.isfinite(time):
@@ -305,7 +307,7 @@ def _judge(
         end_error=end_error,
         peak_torque=np.where(was_running[:, :, None], np.abs(torque), 0.0).max(axis=0),
         payload=np.array([variation.payload for variation in variations]),
-        x=np.where((ref.times[instants, None] < lost)[:, :, None], x, np.nan),
+        x=np.where(was_running_at_check[:, :, None], x, np.nan),
         torque=torque,
     )
 

@@ -342,13 +342,13 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     """
     from scipy.linalg import expm
 
-    count, size, inputs = B.shape  # K, 2n, n_a
-    generator = np.zeros((count, size + inputs, size + inputs))  # [A, B; 0, 0] h
-    generator[:, :size] = np.concatenate([A, B], axis=2) * period
+    count, states, inputs = B.shape  # K, 2n, n_a
+    generator = np.zeros((count, states + inputs, states + inputs))  # [A, B; 0, 0] h
+    generator[:, :states] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
-    F = transition[:, :size, :size]
-    G = transition[:, :size, size:]
-    gain = np.empty((count, inputs, size))
+    F = transition[:, :states, :states]
+    G = transition[:, :states, states:]
+    gain = np.empty((count, inputs, states))
     P = Q  # cost-to-go at the end of the motion
     for k in reversed(range(count)):
         PG = P @ G[k]  # P is symmetric, so G' P F = (P G)' F

@@ -211,7 +211,7 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     """
     stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
     for refusal in stack.refused.values():
-        raise refusal  # the first one
+        raise refusal  # of the first refused instant
     return stack.q
 
 

@@ -183,11 +183,15 @@ class Derivatives(NamedTuple):
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
-        hessians = np.abs(self.hessians) + rounding  # |H|
-        slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
-        values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
-        widening = rounding * (1 + radii.sum(axis=1, keepdims=True))  # (S, 1) of values + slopes d
-        return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
+        H_sizes = np.abs(self.hessians) + rounding  # |H|
+        slope_errors = np.einsum("srij,sj->sri", H_sizes + 0.5 * thirds, radii)
+        value_errors = np.einsum("srij,si,sj->sr", 0.5 * H_sizes + thirds / 6, radii, radii, optimize=True)
+        value_errors += rounding * (1 + radii.sum(axis=1, keepdims=True))  # of values + slopes d
+        return Remainders(
+            values=ROUND_UP * value_errors,
+            slopes=ROUND_UP * slope_errors + rounding,
+            hessians=thirds + rounding,
+        )
 
     def _third_bounds(self, radii: Array) -> Array:
         """Bound sum_k |d3F_ijk| r_k (S, R, k, k) over boxes of radii r (S, k) [rad, m].

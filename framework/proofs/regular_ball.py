@@ -350,7 +350,8 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
         bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
-        proved = (image < radii).all(axis=1) & _spectral_radius_below_one(bound) & newton.Y.any(axis=(1, 2))
+        is_inside = (image < radii).all(axis=1)
+        proved = is_inside & _spectral_radius_below_one(bound) & newton.has_inverse
         return _JointBoxes(proved, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
@@ -396,7 +397,7 @@ def _passive_block_is_regular(
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, boxes.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
     N = ROUND_UP * (N + Y_size @ P_errors)
-    return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))
+    return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))  # Y is zero where P_m is singular
 
 
 def _spectral_radius_below_one(N: Array) -> BoolArray:
