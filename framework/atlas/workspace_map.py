@@ -305,6 +305,7 @@ def _join_bands(
     was_filled = reason == PoseReason.REACHED
     border = np.zeros_like(was_filled)
     first = np.arange(BAND_ROWS, len(x), BAND_ROWS)  # first rows of all bands but the first one
+    # on either side of a border: unfilled poses whose neighbour on the other side is filled
     border[first - 1] = ~was_filled[first - 1] & was_filled[first]
     border[first] = ~was_filled[first] & was_filled[first - 1]
 
@@ -315,7 +316,7 @@ def _join_bands(
         if not (reason[border] == PoseReason.REACHED).any():
             return
 
-    # evaluate the new poses, as a map of one row
+    # evaluate the new poses (1, new), as a map of one row
     is_new = (reason == PoseReason.REACHED) & ~was_filled
     chunk = _evaluate_poses(robot, quantities, grids["q"][is_new][None], reason[is_new][None])
     for key, values in chunk.items():

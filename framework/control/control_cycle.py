@@ -246,8 +246,7 @@ class ControlCycle:
         predicted = np.abs(prediction / lengths).max()
         tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
         # a determinant far below the last one is rounding, so its sign says nothing
-        determinant_product = np.linalg.det(self._P) * last_determinant
-        has_same_sign = determinant_product > DETERMINANT_LOST * last_determinant**2
+        has_same_sign = np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)

@@ -241,7 +241,7 @@ class FeedforwardPD:
 
         The inertia is that of a motor moving alone at the start of the motion. If the robot has springs, a
         fast motion of a motor moves only its rotor. Then the frequency w is lowered so far that the damping
-        gain k_d = 2 w inertia is stable with this sampling period.
+        gain k_d = 2 w inertia is at most MAX_SAMPLED_DAMPING times rotor inertia over sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])

@@ -147,8 +147,10 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
     """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
+    The recording must last for MIN_PERIODS of the cutoff, and have 1 / MAX_CUTOFF samples in each of them.
+
     Args:
-        data: the recording, with its number of samples.
+        data: the recording.
         joints: (samples, n_a) positions of the motors' joints.
         period: sampling period [s].
 

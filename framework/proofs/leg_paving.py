@@ -178,14 +178,14 @@ def collect_leg_equations(
         own: (n,) columns of the velocity vector of the leg's joints.
         fixed: (nv,) mask of the columns that keep their values in q.
         q: (nq,) configuration, assembled at x if x contains rotations.
-        x: (platform coordinates,) of the platform; None with locked motors.
+        x: (n_x,) platform coordinates; None with locked motors.
         slide_reach: largest length of the leg's slides [robot lengths].
     """
     carried = scratch_of(robot).carried  # (frames, nv) whether a joint carries a frame
     free = ~fixed  # joints that are neither fixed nor the leg's
     free[own] = False
 
-    # a joint moves a loop row if it carries one of the row's frames alone
+    # a joint moves a loop row if it carries just one of the row's two frames
     rows = robot.rows
     moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
     loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
@@ -195,6 +195,7 @@ def collect_leg_equations(
         for kind, axes, value in _platform_equations(robot, q, x):
             terms.append(Term(len(terms), (BASE, 0), kind, *axes))
             constants.append(value)
+    # a cosine has no unit, a position is divided by the robot's length
     units = [1.0 if term.kind == "direction" else robot.length for term in terms]
     return DerivativeBounds(
         robot=robot,

@@ -172,7 +172,8 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     alone. Then the proved ones are compared with their neighbours.
     """
     n = len(test.x)  # platform coordinates
-    width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
+    # the nearest faces of the first cube are OFF_CENTRE of its width away from the pose
+    width = within / OFF_CENTRE * ROUND_UP  # [robot lengths, rad]
     start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
