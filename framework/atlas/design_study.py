@@ -151,8 +151,9 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     """Return the units of the columns of a study, by name."""
-    edge_units = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
-    area_unit = f"{edge_units.pop()}^2" if len(edge_units) == 1 else "m rad"
+    unit_1, unit_2 = ("m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes))
+    area_unit = f"{unit_1}^2" if unit_1 == unit_2 else "m rad"
+    # area, free_area and carried_area
     units = {key: area_unit for key in column_names(task) if key.endswith("area")}
     for quantity in choose_quantities(robot, task.keys):
         unit = quantity_unit(robot, quantity)

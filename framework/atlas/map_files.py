@@ -159,6 +159,7 @@ def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
     }
     columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
+    # 0 of poses that are not reached becomes an empty cell
     columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
     if workspace.load is not None:
         words = np.array([LOAD_WORDS[kind] for kind in LoadReason])

@@ -119,23 +119,26 @@ def survey_window(
     point = map_point(robot, at)
     middle = point[list(columns)]
     half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
-    bounds = Window(
+    outermost = Window(
         axes=columns,
         lower=middle - half_edges,
         upper=middle + half_edges,
         shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
         constants=point,
     )
-    window = bounds  # of the first survey, and the largest of all
+    window = outermost  # of the first survey; no other window reaches beyond it
     for _ in range(SURVEYS):
-        window = _reached_window(robot, window, bounds, keep_limits)
+        window = _reached_window(robot, window, outermost, keep_limits)
     return replace(window, shape=(size, size))
 
 
-def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_limits: bool) -> Window:
-    """Return the window about the reached poses of a survey, with a margin, within `bounds`.
+def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, keep_limits: bool) -> Window:
+    """Return the window about the reached poses of a survey, with a margin.
 
-    With `keep_limits` only poses within the ranges of all joints count, if there are any.
+    Args:
+        survey: the window of the survey.
+        outermost: the window to which the result is cut.
+        keep_limits: whether to count only poses within the ranges of all joints, if there are any.
     """
     q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
@@ -145,7 +148,9 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
     margin = SURVEY_MARGIN * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
-    return replace(survey, lower=np.maximum(lower, bounds.lower), upper=np.minimum(upper, bounds.upper))
+    cut_lower = np.maximum(lower, outermost.lower)
+    cut_upper = np.minimum(upper, outermost.upper)
+    return replace(survey, lower=cut_lower, upper=cut_upper)
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:

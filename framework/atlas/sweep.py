@@ -124,16 +124,16 @@ def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
     """Continue configurations q (T, nq) from platform coordinates `start` to `end` (T, n).
 
-    A step that closes the loops but is not trusted is tried again in `parts` equal steps: shorter steps need
-    smaller corrections, so they are trusted unless the branch really ends at Type 1.
+    A step that closes the loops but is not trusted (OTHER_MODE) is tried again in `parts` equal steps:
+    shorter steps need smaller corrections, so they are trusted unless the branch really ends at Type 1.
     """
     ends = _step_once(robot, q, start, end)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
 
-    # replace the ends of untrusted steps, part by part
-    ends.q[untrusted] = q[untrusted]  # back to the start
+    # repeat these steps part by part; in place, `ends` holds the configurations reached so far
+    ends.q[untrusted] = q[untrusted]  # the starts
     live = untrusted  # steps whose parts have all been accepted so far
     for k in range(parts):
         offset = end[live] - start[live]

@@ -303,7 +303,7 @@ class ControlCycle:
     def _drift_acceleration(self) -> Array:
         """Compute joint accelerations a_0 (nv,) at zero motor accelerations.
 
-        With the drift dJ/dt v of the loops, those of the passive joints solve P a_p = -drift.
+        With the drift dJ/dt v of the loops, the accelerations a_p of passive joints solve P a_p = -drift.
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
@@ -334,7 +334,7 @@ class SinglePose:
     """
 
     def __init__(self, robot: ParallelRobot) -> None:
-        """Allocate the memory of one pose: F frames, m loop equations and their Jacobian (m, nv)."""
+        """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
         self.robot, self.scratch = robot, scratch
@@ -374,7 +374,8 @@ class SinglePose:
     def evaluate_motion(self, q: Array, v: Array) -> None:
         """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
 
-        Pinocchio also computes the rates of the twists at zero joint accelerations, which `drift` reads.
+        The twists are stored in `scratch`, together with their rates at zero joint accelerations, from which
+        `drift` is computed.
         """
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))

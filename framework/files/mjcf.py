@@ -119,12 +119,13 @@ def _add_motors(robot: ParallelRobot, root: Element) -> None:
     for motor in robot.description.actuators:
         words = {"name": f"{motor.joint}_torque", "joint": motor.joint, "gear": repr(float(motor.gear_ratio))}
         if motor.torque_limit is not None:
-            limit = vector_text([-motor.torque_limit, motor.torque_limit])
-            words |= {"ctrllimited": "true", "ctrlrange": limit, "forcelimited": "true", "forcerange": limit}
+            torques = vector_text([-motor.torque_limit, motor.torque_limit])
+            words |= {"ctrllimited": "true", "ctrlrange": torques}
+            words |= {"forcelimited": "true", "forcerange": torques}
         SubElement(actuator, "motor", words)
         if motor.speed_limit is not None:
-            limit = repr(float(motor.speed_limit))
-            SubElement(speed_limits, "numeric", name=f"{motor.joint}_speed_limit", data=limit)
+            speed = repr(float(motor.speed_limit))
+            SubElement(speed_limits, "numeric", name=f"{motor.joint}_speed_limit", data=speed)
     if len(speed_limits):
         root.append(speed_limits)
 

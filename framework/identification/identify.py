@@ -170,7 +170,7 @@ def identify(
         cutoff: cutoff frequency of the filter [Hz]; by default where the angles' spectra become noise.
         poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
             if that fails.
-        prior: standard deviation of the file's values, over the sizes of each body's parameters.
+        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
         massless: whether to include bodies that have no mass in the file.
         progress: called with the number of poses computed from the motors.
 
@@ -311,7 +311,7 @@ def _fit_possible_bodies(
         base, links: the base parameters, and the parameters of single links and motors.
         rows: whitened equations of the p parameters of bodies and motors.
         estimate: least squares estimate of the base parameters from the same rows.
-        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
     """
     # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
     # so small that their inverse squares swamp the other entries of the matrix
@@ -367,13 +367,14 @@ def fit_possible_parameters(
 ) -> Array:
     """Compute the most probable physically possible parameters (u,) of links and motors.
 
-    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with
-    T = `to_parameters`. Let theta = best + change y, where `best` is the unconstrained minimum and `change`
-    turns the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, where the matrix
+    T = `to_parameters` adds up links to bodies, and the deviation is prior * `links.spread`. Let theta =
+    best + change y, where `best` is the unconstrained minimum and `change` turns the quadratic form into
+    |y|^2. Then the shortest y with possible parameters is the solution.
 
     Args:
         information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
-        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
 
     Raises:
         NotConverged: the solver does not converge.

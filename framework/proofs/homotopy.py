@@ -423,7 +423,11 @@ class _LinearHomotopy(NamedTuple):
     chart: ComplexArray  # (N,)
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); the chart row is last."""
+        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,).
+
+        A quadric z' Q z has the gradient 2 Q z, so half of it is the product Q z. Half of the chart's
+        gradient is the last row.
+        """
         rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
         return append_row(rows, 0.5 * self.chart)
 

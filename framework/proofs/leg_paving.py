@@ -230,8 +230,8 @@ def _platform_equations(
 def _bound_slides(robot: ParallelRobot, q: Array, x: Array | None) -> float:
     """Bound the length [robot lengths] of a slide that leads from one end of a closed loop to the other.
 
-    It is no longer than all other links in one line, with the distances that the rows of the robot and the
-    platform's coordinates x (n,) prescribe; None without x.
+    The slide is no longer than all other links in one line, plus the distances that the rows of the robot and
+    the platform's coordinates x (n,) prescribe. x is None with locked motors.
     """
     prescribed = robot.rows.reach.sum() + (0.0 if x is None else np.abs(x).sum())  # [m]
     return ROUND_UP * (stretched_length(robot, q) + float(prescribed) / robot.length)

@@ -296,7 +296,7 @@ class CellTest(NamedTuple):
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
         F = derivatives.values.copy()  # (S, k) its rows of the platform do not contain the value yet
-        x = self.x + z * robot.platform_scale
+        x = self.x + z * robot.platform_scale  # (S, n) [m, rad]
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
 

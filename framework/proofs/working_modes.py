@@ -121,7 +121,7 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     columns = robot.moving
 
     def platform_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
+        """Compute dimensionless offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
