@@ -174,5 +174,5 @@ def value_range(values: np.ndarray) -> dict[str, float | None]:
     finite = values[np.isfinite(values)]
     if not finite.size:
         return dict.fromkeys(STATISTICS)
-    numbers = map(float, (finite.min(), np.median(finite), finite.max()))
+    numbers = map(float, (finite.min(), np.median(finite), finite.max()))  # in the order of STATISTICS
     return dict(zip(STATISTICS, numbers, strict=True))

@@ -216,7 +216,7 @@ class Remainders(NamedTuple):
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
-    """Compute the derivatives of one chain, whose frames are those of S configurations.
+    """Compute the derivatives of one chain from the frames of S configurations.
 
     The point p has the first derivatives u_j = w_j x (p - o_j) and the second derivatives w_i x u_j, for i
     before j on the chain or i = j.

@@ -300,7 +300,7 @@ def track_paths(
 
 
 def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
-    """Refine solutions z (S, N) of N - 1 quadrics (N - 1, N, N) in the chart (N,), by Newton steps."""
+    """Refine solutions z (S, N) of quadrics (N - 1, N, N) in the chart (N,) by Newton steps."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, np.zeros_like(quadrics), chart)  # the same system at all t
     for _ in range(NEWTON_STEPS):

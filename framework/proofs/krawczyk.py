@@ -181,8 +181,10 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_errors = append_row(2 * (gradient_errors + matrix_products(Q_size, r)), rounding * np.abs(chart))
-        image = ROUND_UP * (np.abs(newton.root) + newton.errors(F_errors + np.matvec(J_errors, r), r))
+        Qz_errors = gradient_errors + matrix_products(Q_size, r)
+        J_errors = append_row(2 * Qz_errors, rounding * np.abs(chart))
+        value_errors = F_errors + np.matvec(J_errors, r)  # of F against its linear form at z
+        image = ROUND_UP * (np.abs(newton.root) + newton.errors(value_errors, r))
         return Enclosures(np.all(image < r, axis=1) & newton.has_inverse, r, image)
 
     first_image = test(np.zeros_like(F_errors)).image

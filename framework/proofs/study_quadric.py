@@ -59,7 +59,8 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
 
     Points that differ by a complex factor are one point of the projective space.
     """
-    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)  # (S, S) of the angles between points
+    # (S, S) cosines of the angles between points; rounding must not make them larger than 1
+    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
