@@ -84,6 +84,7 @@ def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
     """Return the grid of all declared parameter values, or the rows of a table.
 
     Args:
+        file: robot file that declares the parameters.
         table: CSV file with parameter names in the first line and the values of a design in each other line.
 
     Raises:
@@ -116,6 +117,7 @@ def design_study(
     """Map all designs and reduce each map to areas and ranges.
 
     Args:
+        task: robot file, window and quantities of the maps.
         executor: computes chunks of designs; None computes them in this process.
         keeper: a folder of finished chunks, which are not computed again; None stores nothing.
         progress: called with the number of finished designs.
@@ -142,15 +144,16 @@ def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
 
 
 def column_names(task: StudyTask) -> tuple[str, ...]:
-    """Return the names of the columns of a study."""
+    """Return the names of the columns: areas, then least, median and largest of each quantity."""
     loaded = ["carried_area"] if has_loaded([QUANTITIES[key] for key in task.keys]) else []
     return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     """Return the units of the columns of a study, by name."""
-    edge_units = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
-    area_unit = f"{edge_units.pop()}^2" if len(edge_units) == 1 else "m rad"
+    unit_1, unit_2 = ("m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes))
+    area_unit = f"{unit_1}^2" if unit_1 == unit_2 else "m rad"
+    # area, free_area and carried_area
     units = {key: area_unit for key in column_names(task) if key.endswith("area")}
     for quantity in choose_quantities(robot, task.keys):
         unit = quantity_unit(robot, quantity)
@@ -165,7 +168,8 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
-        lower, upper = np.reshape(task.window, (2, 2)).T  # of the first and the second axis
+        ranges = np.reshape(task.window, (2, 2))  # one axis a row: least value, largest value
+        lower, upper = ranges.T  # (2,) each, of both axes
         shape = (task.size, task.size)
         window = Window(map_axes(robot, task.axes), lower, upper, shape, robot.reference.x)
     return _statistics(workspace_map(robot, window, task.keys))
@@ -199,7 +203,10 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 
 
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
-    """Return the settings of a study, as a document of JSON."""
+    """Return the settings of a study, as a document of JSON.
+
+    A hash stands for the robot file, whose path does not count.
+    """
     robot = task.robot()
     return {
         "robot": robot.name,
@@ -220,11 +227,12 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     arrays |= study.columns
     columns = [*parameters.items(), *study.columns.items()]
     table = [*((name, table_cells(values)) for name, values in columns), (WHY, study.why)]
+    # the document is stored with the arrays too
     return write_document_and_arrays(folder / DOCUMENT, document, document, arrays, table)
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
-    """Read designs from a CSV table.
+    """Read designs from a CSV table, of parameters `declared` with their values by name.
 
     Raises:
         InvalidInput: the table has undeclared or repeated names, too many designs, or cells that are not

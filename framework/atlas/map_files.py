@@ -73,6 +73,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
     }
     if workspace.load is not None:
         document["load"] = workspace.load_counts
+    # a change of sign between neighbours that no traced curve explains may be a missing part of the locus
     document["locus"] = {
         "status": workspace.locus.sentence,
         "traced": not workspace.locus.why_not,
@@ -158,6 +159,7 @@ def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
     }
     columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
+    # 0 of poses that are not reached becomes an empty cell
     columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
     if workspace.load is not None:
         words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
@@ -172,5 +174,5 @@ def value_range(values: np.ndarray) -> dict[str, float | None]:
     finite = values[np.isfinite(values)]
     if not finite.size:
         return dict.fromkeys(STATISTICS)
-    numbers = map(float, (finite.min(), np.median(finite), finite.max()))
+    numbers = map(float, (finite.min(), np.median(finite), finite.max()))  # in the order of STATISTICS
     return dict(zip(STATISTICS, numbers, strict=True))

@@ -96,7 +96,7 @@ def nearest_singular_pose(
     Args:
         within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
             else robot lengths and rad]; by default half a robot length or 0.5 rad.
-        max_cells: largest number of cells of the proof, see `prove_regular_ball`.
+        max_cells: largest number of cells of platform coordinates that the proof tests.
 
     Raises:
         InvalidInput: the loops are open at q; redundant motors, whose g has no sign; no passive joints.
@@ -153,7 +153,7 @@ class _Centre(NamedTuple):
     def step(self, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
         """Continue configurations q (T, nq) from offsets `start` to `end` (T, n).
 
-        A step that is not trusted is divided into `parts`, see `step_poses`.
+        A step that may have left the branch is tried again in `parts` equal steps.
         """
         return step_poses(self.robot, q, self.coordinates(start), self.coordinates(end), parts)
 
@@ -192,9 +192,9 @@ class _Poses(NamedTuple):
 def _spread_directions(n: int) -> Array:
     """Return evenly spread unit vectors (K, n), with K from `RAYS`.
 
-    With two coordinates they are on a circle. With three they are on a spiral around the sphere, which turns
-    by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
-    height have equal areas. Otherwise they are both directions of each axis, and random vectors.
+    With two coordinates the vectors are on a circle. With three they are on a spiral around the sphere, which
+    turns by the golden angle from one vector to the next; the heights z are equidistant, because bands of
+    equal height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
     count = RAYS[n]  # K
     k = np.arange(count)
@@ -248,8 +248,8 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
-    candidates = [_find_foot(centre, select(ends, k)) for k in range(len(ends.q))[:MAX_STARTS]]
-    candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]
+    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), MAX_STARTS))]
+    candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
     return min(within_reach, key=lambda pose: pose.distance, default=None)
 
@@ -273,7 +273,7 @@ def _least_singular_values(matrices: Array) -> Array:
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
     """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
-    The nearest pose is located to rounding; for the others a few halvings are enough.
+    The nearest pose is located to rounding; for the other segments a few halvings are enough.
     """
     coarse = _bisect_segments(centre, segments, COARSE_HALVINGS)
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
@@ -317,6 +317,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     the slopes are zero, or at the end of a branch.
     """
     for _ in range(MAX_FOOT_STEPS):
+        # the step to the point of the linearised locus
         try:
             g, a = _linearise_g(centre, pose)
         except NotAssembled:
@@ -329,6 +330,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
         if distance < NEWTON_STEP:
             return pose if abs(g) < RANK_LOST else None
 
+        # take the step, or RAY_STEP of it, if the pose stays on the branch
         next_z = pose.z + min(1.0, RAY_STEP / distance) * step
         end = centre.step(pose.q[None], pose.z[None], next_z[None], STEP_PARTS)
         if end.reason[0] != PoseReason.REACHED:
@@ -338,7 +340,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
 
 
 def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
-    """Compute g and its slopes (n,) along the offset z at one pose.
+    """Compute g and its slopes (n,) along the offset z from the centre at one pose.
 
     Raises:
         NotAssembled: the platform does not determine the joints, at the end of a branch.
@@ -396,8 +398,8 @@ def _choose_starts(offsets: Array) -> list[int]:
 def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
 
-    Each random walk keeps its direction until a step is refused, at Type 1 or the end of a range. Then it
-    continues in a new random direction.
+    Each of WALKS random walks keeps its direction until a step is refused, at Type 1 or the end of a range.
+    Then it continues in a new random direction. All poses of all walks are samples.
     """
     random = np.random.default_rng(0)
     # where the walks are
@@ -406,7 +408,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     samples_q = [q]
     samples_x = [x]
     direction = np.zeros_like(x)
-    accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
+    accepted = np.zeros(WALKS, dtype=bool)  # whether the last step of each walk was; false to draw the first
     for _ in range(WALK_STEPS):
         # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)

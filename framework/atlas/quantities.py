@@ -33,7 +33,7 @@ class Poses(ReadOnlyArrays):
     robot: ParallelRobot
     q: Array  # (T, nq)
     linearised: LinearisedLoops  # at q
-    wrench: Array | None  # (n,) external wrench ON the platform [N, N m], see `loaded_stack`
+    wrench: Array | None  # (n,) external wrench ON the platform [N, N m], in addition to the weight
 
     @cached_property
     def distances(self) -> Distances:
@@ -61,7 +61,7 @@ class Quantity:
 
     key: str  # by which options and files name the quantity
     name: str  # in words
-    unit: str  # as printed, for most robots; see `quantity_unit`
+    unit: str  # as printed, for most robots; `quantity_unit` has the exceptions
     large_is_good: bool = True  # whether large values are good, for the colours
     decades: bool = False  # whether it is drawn on a logarithmic scale
     signed: bool = False  # whether its sign has a meaning

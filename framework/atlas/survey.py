@@ -112,53 +112,64 @@ def survey_window(
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
 
     Raises:
-        InvalidInput: see `map_axes`; or `at` has the wrong length.
+        InvalidInput: the axes are not two coordinates of the platform, or `at` has the wrong length.
         OutOfReach: no pose near the reference is reached.
     """
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
     middle = point[list(columns)]
     half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
-    bounds = Window(
+    outermost = Window(
         axes=columns,
         lower=middle - half_edges,
         upper=middle + half_edges,
         shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
         constants=point,
     )
-    window = bounds  # of the first survey, and the largest of all
+    window = outermost  # of the first survey; no other window reaches beyond it
     for _ in range(SURVEYS):
-        window = _reached_window(robot, window, bounds, keep_limits)
+        window = _reached_window(robot, window, outermost, keep_limits)
     return replace(window, shape=(size, size))
 
 
-def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_limits: bool) -> Window:
-    """Return the window about the reached poses of a survey, with a margin, within `bounds`.
+def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, keep_limits: bool) -> Window:
+    """Return the window about the reached poses of a survey, with a margin.
 
-    With `keep_limits` only poses within the ranges of all joints count, if there are any.
+    Args:
+        survey: the window of the survey.
+        outermost: the window to which the result is cut.
+        keep_limits: whether to count only poses within the ranges of all joints, if there are any.
     """
     q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
-    indices = np.argwhere(within if keep_limits and within.any() else reached)  # (poses, 2)
+    counted = within if keep_limits and within.any() else reached
+    indices = np.argwhere(counted)  # (poses, 2) rows and columns
     margin = SURVEY_MARGIN * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
-    return replace(survey, lower=np.maximum(lower, bounds.lower), upper=np.minimum(upper, bounds.upper))
+    cut_lower = np.maximum(lower, outermost.lower)
+    cut_upper = np.minimum(upper, outermost.upper)
+    return replace(survey, lower=cut_lower, upper=cut_upper)
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     All other poses are NaN, with the reason NO_NEIGHBOUR. The poses nearest to the reference are assembled in
-    turn until one succeeds; the others are reached from their neighbours. If cells are longer than a step may
-    be, they are subdivided: poses between those of the window are computed too, but not returned.
+    turn until one succeeds; the others are reached from their neighbours. With a stride of 1, cells longer
+    than MAX_NEIGHBOUR_DISTANCE are subdivided: poses between those of the window are computed too, but not
+    returned.
+
+    Args:
+        stride: distance between computed poses [rows or columns]; above 1 only if `stride` cells in a row are
+            no longer than MAX_NEIGHBOUR_DISTANCE, so that no cell is subdivided.
 
     Raises:
         InvalidInput: the window is too wide.
         OutOfReach: no pose near the reference is reached.
     """
-    # the grid of all poses that are computed; only those of the window are returned
+    # the grid of all poses that are computed: that of the window, unless cells are too long
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)
     if max(rows, columns) > MAX_EDGE_POSES:
@@ -179,7 +190,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q[i, j] = first_q
     reason[i, j] = PoseReason.REACHED
     fill_grid(robot, x, q, reason, [stride])
-    window_poses = np.s_[::subdivisions, ::subdivisions]  # without those between
+    window_poses = np.s_[::subdivisions, ::subdivisions]  # without the poses between them
     return q[window_poses].copy(), reason[window_poses].copy()
 
 

@@ -124,16 +124,16 @@ def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
     """Continue configurations q (T, nq) from platform coordinates `start` to `end` (T, n).
 
-    A step that closes the loops but is not trusted is tried again in `parts` equal steps: shorter steps need
-    smaller corrections, so they are trusted unless Type 1 is really there.
+    A step that closes the loops but is not trusted (OTHER_MODE) is tried again in `parts` equal steps:
+    shorter steps need smaller corrections, so they are trusted unless the branch really ends at Type 1.
     """
     ends = _step_once(robot, q, start, end)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
 
-    # replace the ends of untrusted steps, part by part
-    ends.q[untrusted] = q[untrusted]  # back to the start
+    # repeat these steps part by part; in place, `ends` holds the configurations reached so far
+    ends.q[untrusted] = q[untrusted]  # the starts
     live = untrusted  # steps whose parts have all been accepted so far
     for k in range(parts):
         offset = end[live] - start[live]
@@ -150,8 +150,8 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
-    A step that closes the loops is accepted if its correction is small, if it ends in the same working mode,
-    and if it stays on its branch: the tangent turns little, or no branches cross at the end.
+    A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
+    OTHER_MODE, or OPEN if the loops do not close.
     """
     # predict
     linearised = linearised_at(robot, q, start)
@@ -190,8 +190,8 @@ def _accept_steps(
 ) -> BoolArray:
     """Return a mask (k,) of the steps that keep working mode and branch.
 
-    If the determinant keeps its sign, the working mode is the same. Otherwise the modes themselves are
-    compared.
+    An accepted step has a small correction, and both ends are in one working mode. Its tangent turns little
+    from start to end, or else no other branch crosses at the end, to which the step could have jumped.
 
     Args:
         start, end: linearised loops at the starts and at the ends of k steps.
@@ -201,10 +201,14 @@ def _accept_steps(
     """
     end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
     measure = measure_steps(robot, correction, prediction, end_step)
+    accepted = measure.small.copy()  # whether the correction is small
+
+    # the mode is the same if det dF/dq keeps its sign; if not, which is rare, modes are compared one by one
     has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
-    accepted = measure.small.copy()  # the correction is small
     for k in np.flatnonzero(accepted & ~has_same_sign).tolist():
-        accepted[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
-    turned = np.flatnonzero(accepted & ~measure.straight)  # must not end where branches cross
+        accepted[k] = keeps_working_mode(robot, start.select(k), end.select(k)).item()
+
+    # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
+    turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
     accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
     return accepted

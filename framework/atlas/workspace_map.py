@@ -116,12 +116,12 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def keeps_limits(self) -> bool:
-        """Whether only poses within the limits count as reached, see `restrict_to_ranges`."""
+        """Whether only poses within the limits of joints and motors count as reached."""
         return len(self.reason_words) > len(PoseReason)
 
     @property
     def beyond_ranges(self) -> BoolArray:
-        """Mask (I, J) of poses removed because of limits, see `restrict_to_ranges`."""
+        """Mask (I, J) of poses that `restrict_to_ranges` removed; limits have the last reason codes."""
         return self.reason >= len(PoseReason)
 
     @property
@@ -163,8 +163,9 @@ def workspace_map(
     """Compute quantities over a window, at the poses reached from the reference.
 
     Args:
-        window: by default the region reached over the first two translations, see `survey_window`.
-        quantities: keys of `QUANTITIES`; by default those of `choose_quantities`. g is always computed.
+        window: by default the smallest one with all reached poses, over the first two translations.
+        quantities: keys of `QUANTITIES`; by default conditioning, torque if the platform translates, and
+            stiffness and frequency if the robot has springs. g is always computed.
         wrench: external wrench (n,) ON the platform [N, N m], in addition to the weight, for quantities that
             depend on it.
         executor: computes the bands, and must be able to pickle the robot; None computes them in this
@@ -173,8 +174,8 @@ def workspace_map(
         progress: called with the number of finished poses.
 
     Raises:
-        InvalidInput: the platform does not determine the robot's joints; or a quantity or the wrench is
-            refused, see `choose_quantities`.
+        InvalidInput: the platform does not determine the robot's joints; or the robot does not have a
+            quantity, or the wrench affects none of them.
         OutOfReach: no pose near the reference is reached.
     """
     expect_robot(robot)
@@ -246,7 +247,8 @@ def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
 def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     """Return the bands of a window with their coarse poses."""
     q, reason = seed_poses(robot, window, _coarse_stride(robot, window))  # (I, J, nq), (I, J)
-    reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # try again from nearer neighbours
+    # NO_NEIGHBOUR marks the poses to try, also coarse ones that failed: nearer neighbours may lead to them
+    reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR
     bands = []
     for first in range(0, len(q), BAND_ROWS):
         stop = min(first + BAND_ROWS, len(q))
@@ -303,6 +305,7 @@ def _join_bands(
     was_filled = reason == PoseReason.REACHED
     border = np.zeros_like(was_filled)
     first = np.arange(BAND_ROWS, len(x), BAND_ROWS)  # first rows of all bands but the first one
+    # on either side of a border: unfilled poses whose neighbour on the other side is filled
     border[first - 1] = ~was_filled[first - 1] & was_filled[first]
     border[first] = ~was_filled[first] & was_filled[first - 1]
 
@@ -313,7 +316,7 @@ def _join_bands(
         if not (reason[border] == PoseReason.REACHED).any():
             return
 
-    # evaluate the new poses, as a map of one row
+    # evaluate the new poses (1, new), as a map of one row
     is_new = (reason == PoseReason.REACHED) & ~was_filled
     chunk = _evaluate_poses(robot, quantities, grids["q"][is_new][None], reason[is_new][None])
     for key, values in chunk.items():
@@ -404,7 +407,7 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
 
 
 def check_reference(robot: ParallelRobot) -> None:
-    """Refuse a robot whose reference is beyond the range of a joint."""
+    """Raise LimitsExceeded if the reference is beyond the range of a joint."""
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in beyond.items())
@@ -412,7 +415,8 @@ def check_reference(robot: ParallelRobot) -> None:
 
 
 def check_window(robot: ParallelRobot, window: Window) -> None:
-    """Refuse a window without a pose within one step of the reference."""
+    """Raise InvalidInput if a window has no pose within one step of the reference."""
+    # farther than one step, the longest cell edge; `not <=` also refuses an infinite window, with NaN
     if not _reference_distances(robot, window).min() <= 1.0:
         raise InvalidInput(
             f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
@@ -438,9 +442,10 @@ def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
     Raises:
         LimitsExceeded: the nearest of these poses is more than one step away from the reference.
     """
-    distance = np.where(within, _reference_distances(workspace.robot, workspace.window), np.inf)
+    steps = _reference_distances(workspace.robot, workspace.window)
+    distance = np.where(within, steps, np.inf)
     nearest = np.argmin(distance)
-    if not distance.flat[nearest] <= 1.0:
+    if distance.flat[nearest] > 1.0:  # farther than one step, the longest cell edge
         raise LimitsExceeded(
             f"{workspace.robot.name}: no pose of the map within one step of the reference is within all "
             f"limits; take a finer map, or leave the limits out",

@@ -92,6 +92,7 @@ def draw_noise(
     Positions are in rad or m, speeds in rad/s or m/s.
 
     Args:
+        spread: standard deviations of the noise.
         seeds: those of the R variations.
         samples: number of sampling instants.
     """
@@ -118,7 +119,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
-    # they add up, so the body changes by the change of its payload
+    # parameters of bodies that move as one add up, so their sum changes by the change of the payload
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
     if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
@@ -154,7 +155,8 @@ class ControlLoop:
 
     tolerance: float = 2.5e-3  # [robot lengths, rad]
     end: float = 2.5e-3  # [robot lengths, rad]
-    limit: tuple[float, ...] | None = None  # (n_a) largest motor torques [N m]; None: see `torque_limit`
+    # (n_a,) largest motor torques [N m, N]; None: those of the robot file, or 10 times the plan's peaks
+    limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
     def __post_init__(self) -> None:
@@ -185,7 +187,7 @@ class Run(Outcomes):
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the torque limits (n_a,) [N m] of the loop.
+    """Return the torque limits (n_a,) [N m, N] of the loop.
 
     By default they are the limits of the robot file. A motor without one has 10 times the plan's peak, which
     only a diverging run asks for.
@@ -273,6 +275,8 @@ def _judge(
     """Judge R runs by the tolerances of the control loop; return their outcomes.
 
     Args:
+        ref: the planned motion at K sampling instants.
+        variations: of the R robots from the model.
         lost: (R,) instants [s] at which runs diverged, infinite for the others.
         x: (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods.
         torque: (periods, R, n_a) [N m] of the motors.
@@ -283,7 +287,9 @@ def _judge(
     tracking_error = np.where(is_lost, MAX_DEVIATION, errors.max(axis=0))
     end_error = np.where(is_lost, MAX_DEVIATION, errors[-1])
     was_running = ref.times[: len(torque), None] < lost  # (periods, R)
+    was_running_at_check = ref.times[instants, None] < lost  # (checks, R)
 
+    # say why runs fail
     why = []
     for time, worst, end in zip(lost, tracking_error, end_error, strict=True):
         if np.isfinite(time):
@@ -301,7 +307,7 @@ def _judge(
         end_error=end_error,
         peak_torque=np.where(was_running[:, :, None], np.abs(torque), 0.0).max(axis=0),
         payload=np.array([variation.payload for variation in variations]),
-        x=np.where((ref.times[instants, None] < lost)[:, :, None], x, np.nan),
+        x=np.where(was_running_at_check[:, :, None], x, np.nan),
         torque=torque,
     )
 
@@ -339,6 +345,7 @@ class _VariedRobots(NamedTuple):
         Raises:
             InvalidInput: the loops of a varied robot do not close.
         """
+        # close the loops of each robot near the planned start
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
@@ -351,7 +358,7 @@ class _VariedRobots(NamedTuple):
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
 
-        # delays of the runs in sampling periods, noise of the encoders, friction of the motors
+        # delays, at most the whole motion; noise of the encoders; friction, in shares of the peak torques
         periods = np.rint([variation.delay / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]

@@ -83,8 +83,8 @@ class ControlCycle:
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
-        self._scale = robot.passive_scale  # (m, m) of the entries of P
-        self._passive_lengths = robot.column_scale[robot.following]  # (m,) of the unknowns
+        self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
+        self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
         self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
 
         self.q, self.x = start.q.copy(), start.x.copy()
@@ -164,9 +164,9 @@ class ControlCycle:
     def type2(self) -> float:
         """Distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths].
 
-        With P (m, m) the passive columns of the loops and sigma their least singular value, the distance lies
-        in [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode,
-        and infinite without passive joints.
+        With P (n_p, n_p) the passive columns of the loops and sigma their least singular value, the distance
+        lies in [sigma / sqrt(n_p), sigma sqrt(n_p)]. It is never negative, as the cycle stays in its assembly
+        mode, and infinite without passive joints.
         """
         norm = float(np.abs(self._inverse).sum(axis=0).max(initial=0.0))
         return 1.0 / norm if norm else np.inf
@@ -194,10 +194,12 @@ class ControlCycle:
         columns = self._following  # passive joints
         equations.evaluate_pose(q)
         jacobian = equations.jacobian.take(self._independent, axis=0)
+        # residual in the first column, then J_a (n_p, n_a)
         right_sides = np.empty((len(columns), 1 + len(self._actuated)))
         right_sides[:, 0] = equations.residual.take(self._independent)
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1)
         self._P = jacobian.take(columns, axis=1) * self._scale
+        # solve for the dimensionless step and rates, and restore their units
         try:
             self._inverse = np.linalg.inv(self._P)
         except np.linalg.LinAlgError:
@@ -243,10 +245,12 @@ class ControlCycle:
         corrected = np.abs(correction / lengths).max()
         predicted = np.abs(prediction / lengths).max()
         tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
+        # a determinant far below the last one is rounding, so its sign says nothing
+        has_same_sign = np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
+            and has_same_sign
             and self.type2 > BRANCHES_MEET
         )
         return q if is_accepted else None
@@ -299,7 +303,7 @@ class ControlCycle:
     def _drift_acceleration(self) -> Array:
         """Compute joint accelerations a_0 (nv,) at zero motor accelerations.
 
-        With the drift dJ/dt v of the loops, those of the passive joints solve P a_p = -drift.
+        With the drift dJ/dt v of the loops, the accelerations a_p of passive joints solve P a_p = -drift.
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
@@ -330,7 +334,7 @@ class SinglePose:
     """
 
     def __init__(self, robot: ParallelRobot) -> None:
-        """Allocate the memory of one pose: F frames, m loop equations and their Jacobian (m, nv)."""
+        """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
         self.robot, self.scratch = robot, scratch
@@ -370,7 +374,8 @@ class SinglePose:
     def evaluate_motion(self, q: Array, v: Array) -> None:
         """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
 
-        Pinocchio also computes the rates of the twists at zero joint accelerations, which `drift` reads.
+        The twists are stored in `scratch`, together with their rates at zero joint accelerations, from which
+        `drift` is computed.
         """
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))

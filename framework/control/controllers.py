@@ -133,7 +133,7 @@ def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> A
 # ------------------------------------------------------------------ controllers
 
 
-FADING_RATIO = 0.1  # singular values below this share of the largest one are damped, see `solve_damped`
+FADING_RATIO = 0.1  # share of the largest singular value below which singular values are damped
 
 
 class RobotState(NamedTuple):
@@ -168,41 +168,44 @@ class Controller(Protocol):
 def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
     """Return the measured state at instant k, or an estimate from the motors.
 
-    The state is measured if all joints have encoders. The estimate is one Newton step from the plan. The step
-    dx of the platform solves G dx = measured - planned motor angles; the step of the joints is N dx. Rates
-    are estimated in the same way.
+    The state is measured if all joints have encoders. The estimate is one Newton step from the plan: the
+    offset d (n,) of the platform solves G d = measured - planned motor angles, where G (n_a, n) are the
+    motor angles per unit of x; the joints are off the plan by N d. Rates are estimated in the same way.
 
     Args:
-        aware: whether G is inverted by `solve_damped`, which is aware of the singularity.
+        measurement: of R runs.
+        aware: whether the small singular values of G near the singularity are damped (`solve_damped`). If
+            not, the estimate is infinite where G is singular.
     """
     if measurement.state is not None:
         return measurement.state
     robot = reference.robot
     N = reference.N[k]  # (nv, n) dq/dx
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle_step = measurement.motor_angle - reference.motor_angle[k]
-    speed_step = measurement.motor_speed - reference.motor_speed[k]
-    steps = np.stack([angle_step, speed_step])  # (2, R, n_a)
+    angle_offset = measurement.motor_angle - reference.motor_angle[k]
+    speed_offset = measurement.motor_speed - reference.motor_speed[k]
+    motor_offsets = np.stack([angle_offset, speed_offset])  # (2, R, n_a)
     if aware:
-        x_step, dx_step = solve_damped(G[None], steps)
+        x_offset, dx_offset = solve_damped(G[None], motor_offsets)  # (R, n) each
     else:
         inverse = solve(G[None], np.eye(len(G))[None])
-        x_step, dx_step = matvec(inverse, steps)
+        x_offset, dx_offset = matvec(inverse, motor_offsets)
     return RobotState(
-        q=integrate(robot, reference.motion.q[k], matvec(N, x_step)),
-        v=reference.motion.v[k] + matvec(N, dx_step),
-        x=reference.x[k] + x_step,
-        dx=reference.dx[k] + dx_step,
+        q=integrate(robot, reference.motion.q[k], matvec(N, x_offset)),
+        v=reference.motion.v[k] + matvec(N, dx_offset),
+        x=reference.x[k] + x_offset,
+        dx=reference.dx[k] + dx_offset,
     )
 
 
 def solve_damped(matrices: Array, right: Array) -> Array:
-    """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
+    """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
-    The solutions have the shape (R, k). Let t be FADING_RATIO times the largest singular value. The inverse
-    of a singular value sigma below t is sigma / t^2 instead of 1 / sigma, which is continuous at t and falls
-    to zero with sigma. The solution is NaN for a matrix that is not finite; the decomposition of such a
-    matrix would raise an error for all R of them.
+    The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be
+    FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
+    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
+    NaN for a matrix that is not finite; the decomposition of such a matrix would raise an error for all R of
+    them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
@@ -238,7 +241,7 @@ class FeedforwardPD:
 
         The inertia is that of a motor moving alone at the start of the motion. If the robot has springs, a
         fast motion of a motor moves only its rotor. Then the frequency w is lowered so far that the damping
-        gain k_d = 2 w inertia is stable with this sampling period.
+        gain k_d = 2 w inertia is at most MAX_SAMPLED_DAMPING times rotor inertia over sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
@@ -286,7 +289,7 @@ class TimeVaryingLQR:
                 f"controller lqr: for rigid robots; {robot.name} has the springs "
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
-        # errors of position (n,), then of speed (n,), in the units of each coordinate
+        # (2, n) deviations of equal cost, of positions and of speeds, in the units of each coordinate
         deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
         Q = np.diag(1 / deviations.ravel() ** 2)
         R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
@@ -307,7 +310,7 @@ class TimeVaryingLQR:
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
     """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
 
-    With deviations e = [x; dx] and tau from the plan, de/dt = A e + B tau, where
+    With the deviations e = [x; dx] and tau from the planned motion, de/dt = A e + B tau, where
     A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
     """
     slopes = forward_derivatives(
@@ -329,7 +332,7 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
     Args:
-        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics, see `linearise_error`.
+        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics de/dt = A e + B tau.
         Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
         period: sampling period h [s].
 
@@ -339,13 +342,13 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     """
     from scipy.linalg import expm
 
-    count, size, inputs = B.shape  # K, 2n, n_a
-    generator = np.zeros((count, size + inputs, size + inputs))  # [A, B; 0, 0] h
-    generator[:, :size] = np.concatenate([A, B], axis=2) * period
+    count, states, inputs = B.shape  # K, 2n, n_a
+    generator = np.zeros((count, states + inputs, states + inputs))  # [A, B; 0, 0] h
+    generator[:, :states] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
-    F = transition[:, :size, :size]
-    G = transition[:, :size, size:]
-    gain = np.empty((count, inputs, size))
+    F = transition[:, :states, :states]
+    G = transition[:, :states, states:]
+    gain = np.empty((count, inputs, states))
     P = Q  # cost-to-go at the end of the motion
     for k in reversed(range(count)):
         PG = P @ G[k]  # P is symmetric, so G' P F = (P G)' F

@@ -118,11 +118,11 @@ def run_study(
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
 
     started = time.perf_counter()
-    size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
+    chunk_size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     # numbers of the runs of each chunk, by the name under which the chunk is stored
     chunks = {}
-    for first in range(0, runs, size):
-        stop = min(first + size, runs)
+    for first in range(0, runs, chunk_size):
+        stop = min(first + chunk_size, runs)
         chunks[f"{first}-{stop}"] = range(first, stop)
     finished_runs = 0  # in finished chunks, for the progress within a chunk
 
@@ -132,7 +132,7 @@ def run_study(
         finished_runs = sum(len(chunks[chunk_name]) for chunk_name in names)
         progress(finished_runs)
 
-    task = partial(run_chunk, controller, loop, spread, seed)
+    task = partial(run_chunk, controller, loop, spread, seed)  # takes the numbers of the runs
 
     def run_and_report(chunk_runs: range) -> Arrays:
         """Do the runs of a chunk in this process, and report progress within the chunk."""

@@ -48,7 +48,8 @@ START = (
     "start from the keyframe `reference`, where the loops are closed: "
     "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
 )
-# solver parameters of the stiffest equality that MuJoCo can solve
+# Solver parameters of the stiffest equality that MuJoCo can solve: the time constant, two time steps, and
+# the damping ratio; the impedance, 0.9999 at any gap, with the form of a transition that has no effect.
 HARD_EQUALITY = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 
 
@@ -62,7 +63,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     is singular when the second angle is 90 degrees.
 
     Raises:
-        InvalidInput: MuJoCo has no equality for a closure, see `equality_axes`; with `hinges`, a ball has a
+        InvalidInput: MuJoCo has no equality that locks the axes of a closure; with `hinges`, a ball has a
             spring, whose torque three hinges cannot have; without `hinges`, the dynamics of a ball differ
             between its axes.
     """
@@ -72,6 +73,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     SubElement(root, "compiler", angle="radian", autolimits="false")
     gravity = vector_text(model.gravity.linear)
     SubElement(root, "option", timestep=repr(TIME_STEP), gravity=gravity, integrator="implicitfast")
+
+    # the tree: pinocchio numbers parents before children, and the world 0
     bodies = [SubElement(root, "worldbody")]
     q = robot.reference.q
     data = model.createData()
@@ -80,6 +83,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
         bodies.append(_add_body(robot, data, j, bodies[model.parents[j]], hinges=hinges))
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
+
+    # the assembled reference
     keys = SubElement(root, "keyframe")
     qpos = vector_text(convert_to_qpos(model, q, hinges=hinges))
     SubElement(keys, "key", name="reference", qpos=qpos)
@@ -114,12 +119,13 @@ def _add_motors(robot: ParallelRobot, root: Element) -> None:
     for motor in robot.description.actuators:
         words = {"name": f"{motor.joint}_torque", "joint": motor.joint, "gear": repr(float(motor.gear_ratio))}
         if motor.torque_limit is not None:
-            limit = vector_text([-motor.torque_limit, motor.torque_limit])
-            words |= {"ctrllimited": "true", "ctrlrange": limit, "forcelimited": "true", "forcerange": limit}
+            torques = vector_text([-motor.torque_limit, motor.torque_limit])
+            words |= {"ctrllimited": "true", "ctrlrange": torques}
+            words |= {"forcelimited": "true", "forcerange": torques}
         SubElement(actuator, "motor", words)
         if motor.speed_limit is not None:
-            limit = repr(float(motor.speed_limit))
-            SubElement(speed_limits, "numeric", name=f"{motor.joint}_speed_limit", data=limit)
+            speed = repr(float(motor.speed_limit))
+            SubElement(speed_limits, "numeric", name=f"{motor.joint}_speed_limit", data=speed)
     if len(speed_limits):
         root.append(speed_limits)
 
@@ -162,6 +168,7 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
     """
     name = str(robot.model.names[j])
     joint = robot.model.joints[j]
+    # columns of the velocity vector: three of a ball, one of other joints
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
         raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges cannot represent")

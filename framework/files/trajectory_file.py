@@ -41,6 +41,7 @@ def joint_trajectory(
     """
     check_choice("side", side, SIDES)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
+    # positions, velocities, accelerations and effort at equidistant times, each (T, n_a)
     robot = plan.robot
     times = np.linspace(0.0, plan.duration, samples)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)

@@ -224,26 +224,26 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
 
     # the set with the least clear rank decides
     ranks = [combinations.rank for combinations in sets]
-    least = min(sets, key=lambda combinations: combinations.gap)
+    least_clear = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
         raise NotConverged(
             f"{robot.name}: random instants give base parameters of rank {', '.join(map(str, ranks))}; the "
             f"singular values leave no clear gap",
-            residual=1.0 / least.gap,
+            residual=1.0 / least_clear.gap,
         )
 
     all_links = torque_parameters(robot, massless=True).links
     return BaseParameters(
         robot=robot,
-        rank=least.rank,
-        gap=least.gap,
-        names=tuple(format_combination(described.names, row) for row in least.coefficients),
+        rank=least_clear.rank,
+        gap=least_clear.gap,
+        names=tuple(format_combination(described.names, row) for row in least_clear.coefficients),
         parameters=described.names,
-        without_effect=tuple(described.names[k] for k in least.without_effect),
+        without_effect=tuple(described.names[k] for k in least_clear.without_effect),
         left_out=tuple(link for link in all_links if link not in described.links),
-        values=least.coefficients @ described.values,
+        values=least_clear.coefficients @ described.values,
         described=described,
-        combinations=least,
+        combinations=least_clear,
     )
 
 
@@ -282,7 +282,7 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
         target = x + step * 0.5 ** max(k - STEPS, 0)  # ever shorter after STEPS steps
         end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
-        accepted = end.closed & ~(only_unmoved & has_moved)  # (count,)
+        accepted = end.closed & ~(only_unmoved & has_moved)  # (count,) of the walks
         end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], None))
         accepted[accepted] = end_clearance > BRANCHES_MEET  # away from singularities
         q[accepted] = end.q[accepted]
@@ -415,6 +415,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
+    # links that have changed
     elements = elements_by_name(urdf, "link")
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():

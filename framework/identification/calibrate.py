@@ -139,7 +139,7 @@ def calibrate(
         data: a recording of motor angles and of platform coordinates or angles of other joints; or the name
             of its file.
         joints: the joints whose origins are calibrated; by default all between the base and the frames of the
-            platform and of closures, see `parametrise_geometry`.
+            platform and of closures.
         noise: standard deviations of measurements by kind: `motor_angle`, `joint`, `platform` [rad, m].
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         progress: called with the number of steps tried.
@@ -163,14 +163,14 @@ def calibrate(
     prior = np.where(geometry.turning, angle_error, length_error)  # (p,) standard deviations
 
     # fit the parameters to three quarters of the instants
-    used = measured.select_instants(~is_test)
-    used_q = q[~is_test]
-    solver = GaussNewton(geometry.model, used, used_q, prior)
+    training = measured.select_instants(~is_test)
+    training_q = q[~is_test]
+    solver = GaussNewton(geometry.model, training, training_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
     # what the data determine is examined at the file's geometry
-    equations = eliminate_poses(geometry.model, used, used_q)
-    combinations = _find_combinations(equations, used, prior)
+    equations = eliminate_poses(geometry.model, training, training_q)
+    combinations = _find_combinations(equations, training, prior)
 
     # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
@@ -182,7 +182,7 @@ def calibrate(
         values=solver.values,
         deviations=solver.deviations,
         combinations=combinations,
-        unseen=_describe_unseen(geometry, used, used_q, equations, combinations),
+        unseen=_describe_unseen(geometry, training, training_q, equations, combinations),
         error_before=predict_error(np.zeros_like(prior)),
         error_after=predict_error(solver.values),
         noise=solver.noise,
@@ -196,7 +196,7 @@ def calibrate(
 
 
 def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
-    """Refuse unknown kinds of noise, and noise or errors that are not positive."""
+    """Raise InvalidInput for unknown kinds of noise, and for noise or errors that are not positive."""
     for name in noise:
         check_choice("kind of noise", name, NOISE)
     for name, value in {**noise, **file_errors}.items():
@@ -211,14 +211,17 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     """
     stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
     for refusal in stack.refused.values():
-        raise refusal  # the first one
+        raise refusal  # of the first refused instant
     return stack.q
 
 
 def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
     """Find the parameter combinations that measurements or loops determine.
 
-    `prior` (p,) are the standard deviations of the file's parameters.
+    Args:
+        equations: of the parameters at the T instants of the fit.
+        measured: the measurements, with their noise.
+        prior: (p,) standard deviations of the file's parameters [m, rad].
     """
     # the slopes of the data are over the noise; those of the loops over LOOP_GAP, which is far smaller
     loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()
@@ -227,7 +230,7 @@ def _find_combinations(equations: ParameterEquations, measured: Measurements, pr
 
 
 def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float) -> None:
-    """Refuse implausible noise, and implausible changes of the parameters.
+    """Raise NotConverged for implausible noise, or implausible changes of the parameters.
 
     Args:
         prior_ratios: (p,) changes of the parameters over their prior standard deviations.
@@ -295,7 +298,7 @@ def _describe_unseen(
     used would determine the direction if its value changes during this motion.
 
     Args:
-        measured, q, equations: measurements, poses (T, nq) and equations of the instants that were used.
+        measured, q, equations: measurements, poses (T, nq) and equations of the instants of the fit.
         combinations: of the parameters, with the undetermined directions `unseen`.
     """
     model = geometry.model

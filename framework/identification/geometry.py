@@ -76,10 +76,13 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = elements_by_name(urdf, "joint")
+    # choose joints that exist, in the order of the URDF
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
         check_choice("joint", name, candidates)
     chosen = tuple(name for name in candidates if joints is None or name in joints)
+
+    # place a spring of six virtual joints behind the origin of each joint
     springs = []
     for name in chosen:
         is_fixed = elements[name].get("type") == "fixed"
@@ -259,7 +262,7 @@ class MeasuredOffsets(NamedTuple):
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
     """Compute offsets of the model from measurements at T instants, and slopes along all joints.
 
-    The m offsets of an instant are in the order of `Measurements`. `frames` are those of the model.
+    The m offsets of an instant are in the order of `Measurements`. `frames` are those of T poses.
     """
     joints = measured.columns
     axes = measured.axes

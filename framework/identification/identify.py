@@ -93,7 +93,7 @@ class Identification(ReadOnlyArrays):
     noise: float  # ratio of the rows' noise to the torques' noise; 1 if there are no other errors
     cutoff: float  # [Hz]
     poses: str  # source of the poses: motors or platform
-    motor_misfit: float  # of the poses to the motors' angles, see `MeasuredMotion`
+    motor_misfit: float  # [rad, robot lengths] largest offset of the motors' joints from their angles
     instants: int
     seconds: float
 
@@ -166,9 +166,11 @@ def identify(
 
     Args:
         data: a recording with time, motor angles and torques, and the platform if the motion passes Type 2;
-            or the name of its file, see `read_recording`.
-        cutoff, poses: cutoff of the filter [Hz]; "motors" or "platform"; see `measured_motion`.
-        prior: standard deviation of the file's values, over the sizes of each body's parameters.
+            or the name of its CSV file.
+        cutoff: cutoff frequency of the filter [Hz]; by default where the angles' spectra become noise.
+        poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
+            if that fails.
+        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
         massless: whether to include bodies that have no mass in the file.
         progress: called with the number of poses computed from the motors.
 
@@ -181,6 +183,8 @@ def identify(
     started = clock.perf_counter()
     positive("prior", prior)
     base = base_parameters(robot, massless=massless)
+
+    # equations of the recorded motion, without the instants held out for validation
     data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
@@ -194,17 +198,17 @@ def identify(
 
     # estimate the base parameters, then bodies that can exist
     estimate = _estimate_base_parameters(base, rows)
-    file = base.described.values
+    file_values = base.described.values  # (p,)
     links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
-    parameters = file + links.to_parameters @ (link_values - links.values)
+    parameters = file_values + links.to_parameters @ (link_values - links.values)
 
-    # predict the torques held out
-    error_before = torque_error(robot, regressor, measured, test, file)
+    # predict the torques held out, and keep the file's values if they predict them better
+    error_before = torque_error(robot, regressor, measured, test, file_values)
     error_after = torque_error(robot, regressor, measured, test, parameters)
-    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
+    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):
         link_values = links.values
-        parameters = file
+        parameters = file_values
         error_after = error_before
     return Identification(
         robot=robot,
@@ -230,9 +234,10 @@ def _whiten(
 ) -> Rows:
     """Return the equations of the instants in a mask (T,), whitened by the noise of the `measured` torques.
 
-    The equations are those of `ParameterRegressor`. If the torques have the standard deviations E, a diagonal
-    matrix, the wrench W = G' tau has the covariance G' E E G = V diag(variance) V'. Multiplied by
-    diag(variance)^(-1/2) V' the rows have independent unit noise.
+    The terms of the equations N' Y theta + constant = G' tau are those of the `regressor`. If the torques
+    have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
+    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
+    noise.
     """
     scale = robot.platform_scale  # divides moments, so that they compare with forces
     # (n_a,) not zero, even if torques without noise were recorded
@@ -256,7 +261,7 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 
 
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the instants held out: every fourth of 20 blocks of time."""
+    """Return a mask (T,) of the times (T,) held out for validation: every fourth of 20 blocks."""
     share = (times - times[0]) / (times[-1] - times[0])
     count = 5 * HELD_OUT_EVERY  # of blocks
     blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
@@ -277,7 +282,7 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     The base parameters beta, in units of their sizes, solve A beta = b. With A = U S V' the solution is
     V S^-1 U' b, and its covariance is noise^2 V S^-2 V'. The squared noise is the sum of squared residuals
     per degree of freedom. Parameters with a component along directions of zero singular value have infinite
-    deviations.
+    deviations. The `rows` are whitened, so their noise is 1 if torques have no other errors.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
@@ -306,7 +311,7 @@ def _fit_possible_bodies(
         base, links: the base parameters, and the parameters of single links and motors.
         rows: whitened equations of the p parameters of bodies and motors.
         estimate: least squares estimate of the base parameters from the same rows.
-        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
     """
     # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
     # so small that their inverse squares swamp the other entries of the matrix
@@ -362,13 +367,14 @@ def fit_possible_parameters(
 ) -> Array:
     """Compute the most probable physically possible parameters (u,) of links and motors.
 
-    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with
-    T = `to_parameters`. Let theta = best + change y, where `best` is the unconstrained minimum and `change`
-    turns the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, where the matrix
+    T = `to_parameters` adds up links to bodies, and the deviation is prior * `links.spread`. Let theta =
+    best + change y, where `best` is the unconstrained minimum and `change` turns the quadratic form into
+    |y|^2. Then the shortest y with possible parameters is the solution.
 
     Args:
         information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
-        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
 
     Raises:
         NotConverged: the solver does not converge.
@@ -418,14 +424,14 @@ def _minimise_misfit(
     return links.values + change @ (V.T @ (T.T @ residual) / root), change
 
 
-def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
     """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
     P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
-    the values of the `file` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
+    the `file_values` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
     the size of rounding are allowed.
     """
-    D = _balancing_scale(file)
+    D = _balancing_scale(file_values)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))

@@ -86,34 +86,33 @@ def measured_motion(
     joints = _read_motor_joints(robot, data)
     torque = _read_torques(robot, data)
 
-    # filter angles and torques
+    # filter angles and torques, and estimate the noise that remains
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     instants = low_pass.choose_instants(len(data))
     filtered_torque = low_pass.filter(torque)
-    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
-
+    passed_share = 2.0 * low_pass.cutoff * period  # of the power of white noise
+    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(passed_share)
     filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a) with two derivatives
 
-    # close the loops, from the motors or from the platform
-    source = poses or "motors"
+    # close the loops, from the motors if possible, else from the platform
+    motor_joints = filtered_joints[:, instants]  # (3, T, n_a)
+    source = "motors"
     misfit = 0.0
-    if source == "motors":
-        try:
-            motion = _motion_of_motors(robot, filtered_joints[:, instants], progress)
-        except NotAssembled:  # by default fall back on the platform, if it was measured
-            if poses == "motors" or not data.has("platform", robot.axis_names):
-                raise
-            source = "platform"
-    if source == "platform":
+    motion = None
+    if poses != "platform":
+        may_fail = poses is None and data.has("platform", robot.axis_names)
+        motion = _try_motors(robot, motor_joints, progress, may_fail=may_fail)
+    if motion is None:
+        source = "platform"
         x = low_pass.differentiate(data.columns("platform", robot.axis_names))  # (3, samples, n)
         motion = _motion_of_platform(robot, x[:, instants])
-        misfit = _motor_misfit(robot, data.source, motion, filtered_joints[0, instants], instants)
+        misfit = _motor_misfit(robot, data.source, motion, motor_joints[0], instants)
     return MeasuredMotion(
         source=source,
         cutoff=low_pass.cutoff,
         times=data.column("time")[instants],
         motion=motion,
-        signs=low_pass.filter(np.sign(filtered_joints[1]))[instants],
+        signs=low_pass.filter(np.sign(filtered_joints[1]))[instants],  # of the rates, filtered like torques
         torque=filtered_torque[instants],
         torque_noise=torque_noise,
         motor_misfit=misfit,
@@ -121,7 +120,11 @@ def measured_motion(
 
 
 def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the measured torques (samples, n_a) [N m, N]; refuse a torque that is always zero."""
+    """Return the measured torques (samples, n_a) [N m, N].
+
+    Raises:
+        InvalidInput: a torque is zero at all samples.
+    """
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():
@@ -144,8 +147,10 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
     """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
+    The recording must last for MIN_PERIODS of the cutoff, and have 1 / MAX_CUTOFF samples in each of them.
+
     Args:
-        data: the recording, with its number of samples.
+        data: the recording.
         joints: (samples, n_a) positions of the motors' joints.
         period: sampling period [s].
 
@@ -215,6 +220,24 @@ class _LowPass(NamedTuple):
         return np.arange(margin, count - margin, stride)
 
 
+def _try_motors(
+    robot: ParallelRobot, joints: Array, progress: Callable[[int], None], *, may_fail: bool
+) -> Motion | None:
+    """Compute the motion from the motors' joints (3, T, n_a); None if the motors do not determine poses.
+
+    Args:
+        joints: positions, rates and accelerations, on the joint side of the gears.
+        progress: called with the number of poses computed.
+        may_fail: whether to return None instead of raising the error.
+    """
+    try:
+        return _motion_of_motors(robot, joints, progress)
+    except NotAssembled:
+        if not may_fail:
+            raise
+        return None
+
+
 def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints from motor positions, rates and accelerations.
 
@@ -255,11 +278,14 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
 
 
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Refuse motors that may pass a Type 2 singularity between two poses q (T, nq).
+    """Raise Type2Singularity if the motors may pass one between two poses q (T, nq).
 
     Beyond a singularity motor angles do not determine the mode of the robot. A singularity is possible if the
     clearance, extrapolated linearly through two neighbouring instants, reaches zero at the instant after them
     or before them.
+
+    Args:
+        linearised: loops at q.
     """
     clearances = clearance(robot, linearised)  # (T,)
     change = np.diff(clearances)

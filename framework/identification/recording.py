@@ -48,7 +48,7 @@ class Recording(ReadOnlyArrays):
         return self.values[:, self.names.index(name)]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
-        """Return the columns PREFIX_ENDING as an array (T, k).
+        """Return the columns PREFIX_ENDING of k endings as an array (T, k).
 
         Raises:
             InvalidInput: a column is missing.
@@ -100,6 +100,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
+    # the header must name columns of this robot, each once
     valid = recording_columns(robot)
     if not set(header) & set(valid):
         raise InvalidInput(
@@ -111,22 +112,22 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
 
     # read the columns of this robot, and skip empty lines
-    used = [k for k, name in enumerate(header) if name in valid]
-    rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
+    columns = [k for k, name in enumerate(header) if name in valid]
+    rows = [_read_row(f"{file}: line {reader.line_num}", header, columns, cells) for cells in reader if cells]
     if len(rows) < 2:
         raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
-    recording = Recording(str(file), tuple(header[k] for k in used), np.array(rows))
+    recording = Recording(str(file), tuple(header[k] for k in columns), np.array(rows))
     check_recording(robot, recording)
     return recording
 
 
-def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
+def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: Sequence[str]) -> list[float]:
     """Read the numbers in some columns of one row.
 
     Args:
         where: file and line, for messages.
         header: names of all columns.
-        used: indices of the columns to be read.
+        columns: indices of the columns to read.
         cells: texts of the row.
 
     Raises:
@@ -135,7 +136,7 @@ def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Seq
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
-    for k in used:
+    for k in columns:
         try:
             number = float(cells[k])
         except ValueError:
@@ -150,7 +151,7 @@ def load_recording(robot: ParallelRobot, data: Recording | str | Path) -> Record
     """Check a recording, or read and check one if `data` is a file name.
 
     Raises:
-        InvalidInput: see `read_recording`.
+        InvalidInput: the file cannot be read, time does not advance, or motor angles are in degrees.
     """
     if not isinstance(data, Recording):
         return read_recording(robot, data)
@@ -159,34 +160,34 @@ def load_recording(robot: ParallelRobot, data: Recording | str | Path) -> Record
 
 
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
-    """Refuse time that does not advance, and motor angles in degrees."""
+    """Raise InvalidInput if time does not advance, or if motor angles are in degrees."""
     if "time" in recording.names:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
             raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
 
-    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    reference = robot.actuated_coordinates(robot.reference.q[None])[0]  # (n_a,)
     is_measured = np.array([recording.has("motor_angle", [joint]) for joint in robot.actuator_names])
     turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])  # motors of hinges
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    if len(turning) and _is_in_degrees(angles, start[turning]):
+    if len(turning) and _is_in_degrees(angles, reference[turning]):
         raise InvalidInput(
             f"{recording.source}: motor_angle_{joints[0]} is in degrees, judging by the robot's reference; "
             f"radians are needed, on the motor side of the gear"
         )
 
 
-def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Return whether joint angles (T, k) fit the reference `start` (k,) only as degrees.
+def _is_in_degrees(angles: Array, reference: Array) -> bool:
+    """Return whether joint angles (T, k) fit the angles of the `reference` (k,) only as degrees.
 
     This is so under three conditions: a first angle is more than half a turn away from the reference;
     conversion to radians brings the first angles nearer than subtraction of whole turns does; and all
     converted angles are within half a turn of the reference.
     """
-    offset = angles[0] - start
+    offset = angles[0] - reference
     offset_without_turns = offset - whole_turns(offset)
-    distances_in_radians = np.abs(np.radians(angles) - start)  # (T, k)
+    distances_in_radians = np.abs(np.radians(angles) - reference)  # (T, k)
     return bool(
         np.abs(offset).max() > np.pi
         and distances_in_radians[0].max() < np.abs(offset_without_turns).max()
@@ -267,7 +268,7 @@ def record_sensors(
     times[-1] = min(times[-1], simulation.duration)
     angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))  # (T, n_a)
     torques = np.asarray(torque(times))  # (T, n_a)
-    is_slide = np.array(robot.torque_units) == "N"  # without a gear
+    is_slide = np.array(robot.torque_units) == "N"  # motors of slides without a gear exert forces
     steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length

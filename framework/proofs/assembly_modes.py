@@ -175,6 +175,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
     """
+    # close the loops, and sort the poses by their distance from the reference
     starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
     poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
@@ -257,7 +258,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     rows = np.concatenate(conditions)
     K = group.equations  # number of conditions that have isolated solutions
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
-        return None
+        return None  # too few, or too few that are independent
     if len(rows) > K:  # the homotopy needs K conditions: random combinations keep all solutions
         rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -329,7 +330,8 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
 def _motions_are_group(closure: Closure | None) -> bool:
     """Return whether the relative motions that a closure allows form a group; True for a joint (None).
 
-    They do not if exactly two rotations are free, or if several distances are prescribed.
+    They do not if exactly two rotations are free, as two such motions in a row may turn about any axis, or if
+    several distances are prescribed.
     """
     if closure is None:
         return True
@@ -342,8 +344,8 @@ class _Sampler(NamedTuple):
 
     robot: ParallelRobot
     placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
-    normal: Array | None  # (3,) of a planar robot, base axes; else None
-    data: pin.Data  # frames at the reference
+    normal: Array | None  # (3,) normal to the plane of a planar robot, on base axes; None in space
+    data: pin.Data  # with the frames of the reference
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array) -> _Sampler:
@@ -372,13 +374,13 @@ class _Sampler(NamedTuple):
         rotations = []
         translations = []
         for placements in self.placements:
-            pose = pin.SE3.Identity()
+            pose = pin.SE3.Identity()  # of the body reached, from the base
             for edge in chain:
                 step = placements[edge.joint]
                 if edge.closure is not None:
                     step = self._draw_closure_pose(edge.closure, rng)
                 pose = pose * (step if edge.forward else step.inverse())
-            pose = pose * self.robot.model.frames[platform].placement
+            pose = pose * self.robot.model.frames[platform].placement  # of the platform's frame
             displacement = pose * reference.inverse()
             rotations.append(displacement.rotation)
             origin_shift = pose.translation - reference.translation
@@ -388,7 +390,7 @@ class _Sampler(NamedTuple):
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
         """Draw a pose that a closure allows, of the second body in the first.
 
-        Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
+        Offsets along free axes and rotations about free axes are drawn, those along locked axes are zero. A
         closure with a length keeps the length. In a planar robot a closure with three free rotations turns
         about the normal alone, away from its attitude at the reference.
         """
@@ -408,8 +410,8 @@ class _Sampler(NamedTuple):
             R_a, R_b = (self.data.oMf[k].rotation for k in ends)  # of both frames at the reference
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
-                offset -= normal * (normal @ offset)  # stays in the plane
-            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
+                offset -= normal * (normal @ offset)  # in the plane
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b  # by one of the random angles
 
         for distance in distances:
             assert closure.length is not None

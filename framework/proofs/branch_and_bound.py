@@ -19,42 +19,42 @@ from framework.proofs.rounding import ROUND_UP, gamma
 BATCH = 1024  # pieces tested at a time
 NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
-K = TypeVar("K")
+Record = TypeVar("Record")  # of the proved pieces
 
 
 @dataclass(frozen=True, eq=False)
-class Examined(Generic[Stack, K]):
+class Examined(Generic[Stack, Record]):
     """The result of a test: proved, undecided and pending pieces; all others are dropped."""
 
-    proved: K  # record of the proved pieces and of what the test has proved about them
+    proved: Record  # record of the proved pieces and of what the test has proved about them
     undecided: Stack  # too small to be cut
     pending: Stack  # narrowed or cut, to be tested again
 
 
 @dataclass(frozen=True, eq=False)
-class Partition(Generic[Stack, K]):
+class Partition(Generic[Stack, Record]):
     """The pieces of a region that were not dropped."""
 
-    proved: list[K]  # one record for each batch
+    proved: list[Record]  # one record for each batch
     undecided: Stack  # too small to be cut
     pending: Stack  # not tested, because `max_examined` was reached
     limit: float  # distance; all nearer pieces are decided
 
 
 def branch_and_bound(
-    test: Callable[[Stack], Examined[Stack, K]],
+    test: Callable[[Stack], Examined[Stack, Record]],
     region: Stack,
     *,
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
-) -> Partition[Stack, K]:
+) -> Partition[Stack, Record]:
     """Test the pieces of a region until all are decided or `max_examined` are tested.
 
     Pieces are the rows of a stack of arrays.
 
     Args:
-        test: decides or cuts pieces.
+        test: decides pieces, or narrows or cuts them.
         region: the first pieces.
         max_examined: number of pieces tested at most; the last batch may exceed it.
         distance: computes the distances (S,) of pieces. If given, the nearest pieces are tested first, and
@@ -63,7 +63,7 @@ def branch_and_bound(
         limit: distance beyond which no piece is of interest.
     """
     pending = region
-    proved = list[K]()
+    proved = list[Record]()
     undecided = [select(region, slice(0))]  # a region without pieces leaves none undecided
     examined = 0
     while len(pending[0]) and examined < max_examined:  # pending[0] is the first array of the stack

@@ -77,7 +77,7 @@ class DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
-            InvalidInput: joints are coupled, or a ball joint moves, see `list_unbounded_joints`.
+            InvalidInput: joints are coupled, or a ball joint moves.
         """
         excluded = list_unbounded_joints(robot)
         if excluded:
@@ -85,10 +85,11 @@ class DerivativeBounds:
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
                 f"{excluded[0]}"
             )
-        max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])  # of all slides together
+        # lengths bound the rounding of positions: all links in one line, all slides extended, one to spare
+        max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         equations = robot.n + len(robot.loops.names)
-        linear = np.zeros((equations, len(robot.moving)))
+        linear = np.zeros((equations, len(robot.moving)))  # 1 where a platform coordinate is a joint
         if isinstance(robot.platform, JointPlatform):
             linear[: robot.n] = robot.moving == robot.platform.columns[:, None]
         return DerivativeBounds(
@@ -182,11 +183,15 @@ class Derivatives(NamedTuple):
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
-        hessians = np.abs(self.hessians) + rounding  # |H|
-        slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
-        values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
-        widening = rounding * (1 + radii.sum(axis=1, keepdims=True))  # (S, 1) of values + slopes d
-        return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
+        H_sizes = np.abs(self.hessians) + rounding  # |H|
+        slope_errors = np.einsum("srij,sj->sri", H_sizes + 0.5 * thirds, radii)
+        value_errors = np.einsum("srij,si,sj->sr", 0.5 * H_sizes + thirds / 6, radii, radii, optimize=True)
+        value_errors += rounding * (1 + radii.sum(axis=1, keepdims=True))  # of values + slopes d
+        return Remainders(
+            values=ROUND_UP * value_errors,
+            slopes=ROUND_UP * slope_errors + rounding,
+            hessians=thirds + rounding,
+        )
 
     def _third_bounds(self, radii: Array) -> Array:
         """Bound sum_k |d3F_ijk| r_k (S, R, k, k) over boxes of radii r (S, k) [rad, m].
@@ -211,7 +216,7 @@ class Remainders(NamedTuple):
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
-    """Compute the derivatives of one chain at S configurations.
+    """Compute the derivatives of one chain from the frames of S configurations.
 
     The point p has the first derivatives u_j = w_j x (p - o_j) and the second derivatives w_i x u_j, for i
     before j on the chain or i = j.
@@ -230,7 +235,7 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
     """Compute second derivatives w_i x first_j (S, L, L, 3) of a vector with first derivatives (S, L, 3).
 
     Of two joints the inner one, i, is nearer to the first frame. It turns the derivative along the outer
-    joint j.
+    joint j. `turn_axes` (S, L, 3) are the w of the joints of the chain, 0 of slides.
     """
     inner, outer = chain.joint_tuples(2)
     return cross(turn_axes[:, inner], first[:, outer])
@@ -241,10 +246,13 @@ def _term_vector(
 ) -> tuple[Array, Array, Array]:
     """Return the vector (S, 3) of a term, with two derivatives.
 
-    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. The kind of the
-    term decides. For "direction" the vector is an axis of the second frame, for "turn" the axial vector of
-    the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is
-    p.
+    The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. For a term of
+    the kind "direction" the vector is an axis of the second frame, for "turn" the axial vector of the
+    antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is p.
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them.
+        frames: at S configurations.
     """
     turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
@@ -263,9 +271,12 @@ def _differentiate_term(
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
-    factor * p . p. Its vector and p are those of its chain, which has the `derivatives` given. The chain's
-    derivatives are relative to the first frame, so its axis counts as fixed. The square has the slopes 2
-    factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
+    factor * p . p. The derivatives of a chain are relative to the first frame, so its axis counts as fixed.
+    The square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them.
+        frames: at S configurations.
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -281,13 +292,13 @@ def _differentiate_term(
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
     factor = term.factor
     if is_square:
-        factor *= 2.0  # of derivatives
+        factor *= 2.0  # of the derivatives, not of the value
         seconds += np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
     return term.factor * value, factor * slopes, factor * seconds
 
 
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over boxes of radii (S, L), given the levers (S, L) at the middles.
+    """Bound the levers (S, L) over boxes of radii (S, L), given each `lever` (S, L) at the middles.
 
     The lever of a joint is the size |u_j| of the derivative of the point along it. A joint moves the point by
     at most radius * lever. The levers of all hinges before it on the chain grow by no more than this.
@@ -306,6 +317,9 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
 
     |d3p| is at most the lever of the outermost joint if the two others turn, else 0. A direction moves like a
     point on which every hinge has the lever 1, and every slide the lever 0.
+
+    Args:
+        chain, derivatives: the L joints between the frames of the term, and p along them at the middles.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):
@@ -329,6 +343,7 @@ def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Ar
     inner joint turns, else 0.
 
     Args:
+        chain: the L joints, of which `turns` marks the hinges.
         lever: (S, L) within the boxes.
         distance: |p| (S,) at the middles.
         thirds: bounds (S, L, L) of sum_k |d3p_ijk| r_k.

@@ -102,11 +102,14 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 
 
 def loop_term(rows: LoopRows, row: int, number: int) -> Term:
-    """Return the term of loop equation `row`, along the chain between both frames.
+    """Return the term of one loop equation, along the chain between both frames.
 
     The term is the product of an axis of the first frame with an axis of the second frame (direction) or with
-    its origin (point), or the squared distance between the origins (square). The result is a term of equation
-    `number`.
+    its origin (point), or the squared distance between the origins (square).
+
+    Args:
+        row: index of the loop equation among `rows`.
+        number: index that the equation gets among all equations of the caller.
     """
     kind = "square" if rows.square[row] else "point"
     if rows.rotation[row]:

@@ -134,6 +134,7 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     real or the enclosure contains no real point.
 
     Args:
+        group: the displacements among which the solutions are.
         coefficients: (K, M) of the system.
         slack: (K, M) bounds on the errors of the coefficients.
         seed: of the random numbers that choose the paths.
@@ -153,11 +154,11 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
     decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
-    status: Status = "at least"
+    # all paths end at single solutions or at infinity
+    is_complete = count.paths == group.bound and count.finite + count.infinite == group.bound
+    status: Status = "numerically complete" if is_complete else "at least"
     if decided == group.bound and are_apart(z, proof.radii):
         status = "proved"
-    elif count.finite + count.infinite == count.paths == group.bound:
-        status = "numerically complete"
     chosen = is_real & is_new
     return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
 
@@ -249,7 +250,7 @@ def solve_start_system(group: Displacements) -> StartSystem:
 
 
 def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> ComplexArray:
-    """Multiply each equation (row) by a random complex number of modulus 1.
+    """Multiply each equation, a row of coefficients (K, M), by a random complex number of modulus 1.
 
     The solutions stay the same, but paths from the system change.
     """
@@ -268,9 +269,9 @@ def track_paths(
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good
-    if its correction is small. The step is doubled after several good ones, and halved after any other, which
-    is not taken. A path is lost if its step becomes too short.
+    The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good,
+    and taken, if the last Newton correction is small. After STEPS_BEFORE_GROWTH good steps in a row the step
+    is doubled, after a step that is not good it is halved. A path is lost if its step is below MIN_STEP.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
@@ -299,7 +300,7 @@ def track_paths(
 
 
 def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
-    """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
+    """Refine solutions z (S, N) of quadrics (N - 1, N, N) in the chart (N,) by Newton steps."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, np.zeros_like(quadrics), chart)  # the same system at all t
     for _ in range(NEWTON_STEPS):
@@ -373,6 +374,7 @@ def _run_endgame(
         ends: of all S paths; completed where the endgame finds an end.
         last: (S, N) points of the paths, at the start of the line if live; the last points on return.
         live: (S,) paths to classify; becomes False where a path is classified or lost.
+        rng: draws the charts in which paths are tracked.
     """
     start, target = line
     segment_start = start
@@ -400,9 +402,10 @@ def _run_endgame(
 
         # track paths with a finite end to it; at a multiple solution they do not arrive
         is_open = is_finite & ~ends.arrived
-        last_stretch = track_paths(group, segment_end, target, last[is_open], rng)
-        ends.z[is_open], ends.arrived[is_open] = last_stretch
-        ends.multiple[is_open] = ~last_stretch.arrived
+        tracked_end = track_paths(group, segment_end, target, last[is_open], rng)
+        ends.z[is_open] = tracked_end.z
+        ends.arrived[is_open] = tracked_end.arrived
+        ends.multiple[is_open] = ~tracked_end.arrived
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
@@ -420,7 +423,11 @@ class _LinearHomotopy(NamedTuple):
     chart: ComplexArray  # (N,)
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); the chart row is last."""
+        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,).
+
+        A quadric z' Q z has the gradient 2 Q z, so half of it is the product Q z. Half of the chart's
+        gradient is the last row.
+        """
         rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
         return append_row(rows, 0.5 * self.chart)
 

@@ -60,6 +60,11 @@ class NewtonMap(NamedTuple):
         rounding = gamma(2 * values.shape[1]) * np.matvec(np.abs(Y), np.abs(values))
         return NewtonMap(Y, -np.matvec(Y, values), rounding, identity_defect(Y, J))
 
+    @property
+    def has_inverse(self) -> BoolArray:
+        """Whether J is regular at each point, (S,); otherwise the map proves nothing."""
+        return np.asarray(self.Y.any(axis=(1, 2)))
+
     def errors(self, value_errors: Array, radii: Array) -> Array:
         """Bound the distance (S, k) of the map from `root`, over boxes of radii (S, k).
 
@@ -132,7 +137,7 @@ def prove_existence(
     is_inside = ROUND_UP * (np.abs(newton.root) + reach) < radii  # the image is in the box
     is_inside |= is_parameter  # p is given, not solved for
     return Existence(
-        proved=is_inside.all(axis=1) & newton.Y.any(axis=(1, 2)),
+        proved=is_inside.all(axis=1) & newton.has_inverse,
         lower=newton.root - reach,
         upper=newton.root + reach,
         along=along,
@@ -176,9 +181,11 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_errors = append_row(2 * (gradient_errors + matrix_products(Q_size, r)), rounding * np.abs(chart))
-        image = ROUND_UP * (np.abs(newton.root) + newton.errors(F_errors + np.matvec(J_errors, r), r))
-        return Enclosures(np.all(image < r, axis=1) & newton.Y.any(axis=(1, 2)), r, image)
+        Qz_errors = gradient_errors + matrix_products(Q_size, r)
+        J_errors = append_row(2 * Qz_errors, rounding * np.abs(chart))
+        value_errors = F_errors + np.matvec(J_errors, r)  # of F against its linear form at z
+        image = ROUND_UP * (np.abs(newton.root) + newton.errors(value_errors, r))
+        return Enclosures(np.all(image < r, axis=1) & newton.has_inverse, r, image)
 
     first_image = test(np.zeros_like(F_errors)).image
     return widen_until_proved(test, 2 * first_image + MIN_RADIUS)
@@ -196,7 +203,10 @@ def choose_chart(z: ComplexArray) -> Array:
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
+    """Return whether polydiscs of radii (S, N) about z (S, N) are pairwise disjoint.
+
+    Two of them are disjoint if their discs are so in some coordinate.
+    """
     distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N), rounded down
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal

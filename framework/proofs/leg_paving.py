@@ -75,7 +75,7 @@ def are_leg_solutions_complete(
 
 
 def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
-    """Return whether the joints (k,) of a leg can be paved.
+    """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
     """
@@ -85,11 +85,16 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 
 
 def _joint_region(equations: DerivativeBounds, slide_reach: float) -> Boxes:
-    """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero."""
+    """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero.
+
+    Its coordinates are the offsets (k,) of the unknowns of the `equations` [rad, robot lengths].
+    """
     robot = equations.robot
     own = equations.unknowns
-    slide_zeros = -difference(robot, robot.neutral, equations.origin)[own] / robot.length  # offsets
+    # (k,) offsets at which slides are zero
+    slide_zeros = -difference(robot, robot.neutral, equations.origin)[own] / robot.length
     middle = np.where(robot.sliding[own], slide_zeros, 0.0)
+    # half a turn, rounded up so that the ends of the region overlap
     radii = np.where(robot.sliding[own], slide_reach, ROUND_UP * np.pi)
     return Boxes(middle[None], radii[None])
 
@@ -117,14 +122,17 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
 
     Let J (m, n) be the Jacobian at a point, Y its pseudo-inverse and dJ a bound on the change of J within the
     box. Two solutions in the box are impossible if the mean Jacobian between any two of its points has full
-    rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Up to radius 1, dJ grows in proportion to
-    the radius, or faster.
+    rank, which holds if |1 - Y J| + |Y| dJ has row sums below 1. Within radius r <= 1, dJ is at most r times
+    its value within radius 1, because it grows at least in proportion to the radius. So the row sums are at
+    most defect + r change, with the largest row sums of |1 - Y J| and, at radius 1, of |Y| dJ. The result is
+    the r for which this bound is 1. The `equations` have n unknowns [rad, robot lengths].
     """
     derivatives = equations.evaluate(equations.configurations(points))
-    Y = np.linalg.pinv(derivatives.slopes)  # (k, n, m)
-    defect = identity_defect(Y, derivatives.slopes).sum(axis=2).max(axis=1)
+    J = derivatives.slopes  # (k, m, n)
+    Y = np.linalg.pinv(J)  # (k, n, m)
+    defect = identity_defect(Y, J).sum(axis=2).max(axis=1)  # (k,)
     dJ = derivatives.remainders(np.ones_like(points)).slopes  # (k, m, n) in boxes of radius 1
-    change = np.matvec(np.abs(Y), dJ.sum(axis=2)).max(axis=1)  # largest row sum of |Y| dJ
+    change = np.matvec(np.abs(Y), dJ.sum(axis=2)).max(axis=1)  # (k,)
     return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
@@ -170,14 +178,14 @@ def collect_leg_equations(
         own: (n,) columns of the velocity vector of the leg's joints.
         fixed: (nv,) mask of the columns that keep their values in q.
         q: (nq,) configuration, assembled at x if x contains rotations.
-        x: (platform coordinates,) of the platform; None with locked motors.
+        x: (n_x,) platform coordinates; None with locked motors.
         slide_reach: largest length of the leg's slides [robot lengths].
     """
     carried = scratch_of(robot).carried  # (frames, nv) whether a joint carries a frame
     free = ~fixed  # joints that are neither fixed nor the leg's
     free[own] = False
 
-    # a joint moves a loop row if it carries one of the row's frames alone
+    # a joint moves a loop row if it carries just one of the row's two frames
     rows = robot.rows
     moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
     loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
@@ -187,6 +195,7 @@ def collect_leg_equations(
         for kind, axes, value in _platform_equations(robot, q, x):
             terms.append(Term(len(terms), (BASE, 0), kind, *axes))
             constants.append(value)
+    # a cosine has no unit, a position is divided by the robot's length
     units = [1.0 if term.kind == "direction" else robot.length for term in terms]
     return DerivativeBounds(
         robot=robot,
@@ -221,23 +230,27 @@ def _platform_equations(
 def _bound_slides(robot: ParallelRobot, q: Array, x: Array | None) -> float:
     """Bound the length [robot lengths] of a slide that leads from one end of a closed loop to the other.
 
-    It is no longer than all other links in one line, with the distances that the rows of the robot and the
-    platform's coordinates x (n,) prescribe; None without x.
+    The slide is no longer than all other links in one line, plus the distances that the rows of the robot and
+    the platform's coordinates x (n,) prescribe. x is None with locked motors.
     """
     prescribed = robot.rows.reach.sum() + (0.0 if x is None else np.abs(x).sum())  # [m]
     return ROUND_UP * (stretched_length(robot, q) + float(prescribed) / robot.length)
 
 
 def _is_bounded(equations: DerivativeBounds, slide: int) -> bool:
-    """Return whether an unknown, a slide, moves the end of a chain by its own length in all poses.
+    """Return whether a slide moves the end of some chain at its own speed in all poses.
 
-    Tested at random joints; `_bound_slides` holds for such a slide.
+    `_bound_slides` holds for such a slide. The speed is an analytic function of the joints: if it has its
+    greatest value, 1, at random joints, it is 1 in all poses, except by chance.
+
+    Args:
+        slide: index of the slide among the unknowns.
     """
     joints = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # three poses
     slopes = equations.evaluate(equations.configurations(joints)).slopes[:, :, slide]  # (3, m)
     for ends in equations.chains:
         rows = [term.row for term in equations.terms if term.ends == ends and term.kind == "point"]
-        squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end
+        squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end, for a unit rate of the slide
         if np.all(squared_speed > 1 - RANK_ROUNDING):
             return True
     return False

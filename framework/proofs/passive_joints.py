@@ -37,7 +37,7 @@ def find_joints_at_pose(
     Motors and springs stay as in q (nq,). The result is None if no configuration is found.
 
     Args:
-        position: (3,) of the frame's origin.
+        position: (3,) of the frame's origin [m].
         rotation: (3, 3) of the frame; None to leave the rotation free.
     """
 
@@ -59,8 +59,8 @@ def find_joints_at_pose(
 def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
     """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
 
-    The slopes are derivatives along all joints. The derivative of an axis e along a joint that turns about
-    w_j is w_j x e.
+    `frames` are those of T configurations. The slopes are derivatives along all joints. The derivative of an
+    axis e along a joint that turns about w_j is w_j x e.
     """
     axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
     turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j
@@ -181,7 +181,7 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
 def distinct_rows(joints: Array) -> list[int]:
     """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
 
-    Rows are compared with those kept so far. Slides [robot lengths] are compared like angles.
+    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles.
     """
     points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()

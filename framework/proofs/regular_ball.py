@@ -92,7 +92,8 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     First `within` [robot lengths, rad] is halved repeatedly, down to rounding. Then radii in small steps are
     tried, from the largest proved one to its double.
     """
-    halved = _largest_proved(test, q, np.ldexp(within, -np.arange(np.finfo(float).nmant)))
+    halvings = np.arange(np.finfo(float).nmant)  # as many as a number has binary digits
+    halved = _largest_proved(test, q, np.ldexp(within, -halvings))
     if not halved:
         return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -142,15 +143,15 @@ class _Cubes(NamedTuple):
     def inward_neighbours(self) -> IntArray:
         """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none.
 
-        The smallest cubes are those of the level MAX_CUTS. On the side of the pose, each cube touches one of
-        them at its point nearest to the pose. Along each axis the number of that smallest cube is the number
-        of the one about the pose, clipped to the range from one before to one behind the smallest cubes
-        within the cube. So it lies within the cube only along axes along which the cube contains the pose.
-        The neighbour is the cube in which that smallest cube lies.
+        Outside of each cube, at its point nearest to the pose, lies one cube of the smallest size (level
+        MAX_CUTS). The neighbour is the cube of the stack that contains this smallest cube. Along each axis
+        the number of this smallest cube is that of the smallest cube about the pose, clipped to the range
+        from one before to one behind the smallest cubes within the given cube. The cube about the pose is
+        its own neighbour.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
-        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)
+        inward = np.clip(pose, self.numbers * count - 1, (self.numbers + 1) * count)  # (S, n)
 
         # of the cubes that contain the smallest one, one for each level, at most one is in the stack
         keys = np.column_stack([self.level, self.numbers]).tolist()
@@ -171,7 +172,8 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     alone. Then the proved ones are compared with their neighbours.
     """
     n = len(test.x)  # platform coordinates
-    width = within / OFF_CENTRE * ROUND_UP  # of the first cube [robot lengths, rad]
+    # the nearest faces of the first cube are OFF_CENTRE of its width away from the pose
+    width = within / OFF_CENTRE * ROUND_UP  # [robot lengths, rad]
     start = test(np.zeros((1, n)), q[None], np.array([width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
@@ -294,7 +296,7 @@ class CellTest(NamedTuple):
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
         F = derivatives.values.copy()  # (S, k) its rows of the platform do not contain the value yet
-        x = self.x + z * robot.platform_scale
+        x = self.x + z * robot.platform_scale  # (S, n) [m, rad]
         F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
 
@@ -322,8 +324,8 @@ class _JointBoxes(NamedTuple):
 def _bound_over_cell(slopes: Array, half: Array, dual_norm: int) -> Array:
     """Bound |slopes . dz| (S, ..) over changes dz (S, n) in S cells, slopes (S, .., n).
 
-    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes: the 1-norm over cubes of half
-    width `half`, the 2-norm over balls of this radius.
+    Hoelder's inequality gives the bound `half` (S,) times a norm of the slopes, with the exponent
+    `dual_norm`: the 1-norm over cubes of half width `half`, the 2-norm over balls of this radius.
     """
     sizes = np.linalg.norm(slopes, dual_norm, axis=-1)
     return (sizes.T * half).T  # `half` multiplies along the first axis
@@ -337,6 +339,7 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
 
     Args:
+        derivatives: of F at the middles.
         newton: the map at the middles.
         reach: (S, k) largest linear change of the joints with x within the cell.
     """
@@ -348,7 +351,8 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
         bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
-        proved = (image < radii).all(axis=1) & _spectral_radius_below_one(bound) & newton.Y.any(axis=(1, 2))
+        is_inside = (image < radii).all(axis=1)
+        proved = is_inside & _spectral_radius_below_one(bound) & newton.has_inverse
         return _JointBoxes(proved, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
@@ -369,8 +373,9 @@ def _passive_block_is_regular(
 
     Args:
         joint_slopes: (S, k, n) derivatives of the joints along the platform's coordinates.
-        half, dual_norm: size and norm of the cells, see `_bound_over_cell`.
+        half: (S,) half widths of cubes, or radii of balls [robot lengths, rad].
         boxes: (S, k) boxes that hold the joints of the cells.
+        dual_norm: 1 if the cells are cubes, 2 if they are balls.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding
@@ -393,7 +398,7 @@ def _passive_block_is_regular(
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, boxes.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
     N = ROUND_UP * (N + Y_size @ P_errors)
-    return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))
+    return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))  # Y is zero where P_m is singular
 
 
 def _spectral_radius_below_one(N: Array) -> BoolArray:

@@ -22,7 +22,7 @@ ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-ne
 def gamma(terms: int) -> float:
     """Bound the rounding of a sum of `terms` products, relative to the sum of their moduli.
 
-    The bound has a margin of 8.
+    The bound counts four more terms, for the operations around the sum, and has a margin of 8.
     """
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 

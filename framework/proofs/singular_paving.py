@@ -93,13 +93,13 @@ class SingularPaving:
     @property
     def sentence(self) -> str:
         """Sentence with the numbers of proved and undecided boxes."""
-        where = "" if self.window is None else " in the window"
+        region = "" if self.window is None else " in the window"
         if self.robot.sliding[self.robot.moving].any():
-            where += f", slides within {self.reach:.3g} robot lengths of the reference,"
+            region += f", slides within {self.reach:.3g} robot lengths of the reference,"
         counts = ", ".join(f"{paved.name}: {len(paved.x)}" for paved in self.sets)
         count = sum(len(paved.undecided_x) for paved in self.sets)
         undecided = "no box undecided" if self.complete else f"or within {count} undecided ones"
-        return f"all singular poses{where} lie within boxes of {self.resolution:.3g} ({counts}), {undecided}"
+        return f"all singular poses{region} lie within boxes of {self.resolution:.3g} ({counts}), {undecided}"
 
 
 def pave_singularities(
@@ -140,6 +140,7 @@ def pave_singularities(
         if region.shape != (2, robot.n) or not (region[0] < region[1]).all():
             raise InvalidInput(f"window: needs (2, {robot.n}) numbers, the least and the largest")
 
+    # pave Type 2, then Type 1 of each leg
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
@@ -150,7 +151,7 @@ def pave_singularities(
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
-    """Raise InvalidInput for a robot that cannot be paved."""
+    """Raise InvalidInput for a robot whose singular sets cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
@@ -169,12 +170,13 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     bounds = test.bounds
     robot = bounds.robot
     k = len(robot.moving)
+    # half a turn is rounded up, so that the ends of the region overlap
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
     partition = branch_and_bound(test, region, max_examined=max_boxes)
 
     arcs = join(partition.proved)
-    undecided = join([partition.undecided, partition.pending])
+    undecided = join([partition.undecided, partition.pending])  # too small, or not tested
 
     # where the platform may be in undecided boxes
     derivatives = bounds.evaluate(bounds.configurations(undecided.middle))
@@ -216,7 +218,7 @@ def singular_sets(robot: ParallelRobot) -> list[SingularSet]:
     """Return the blocks of dF/dq that lose rank: Type 2, then Type 1 of each leg.
 
     The block of Type 2 is that of loops and passive joints. The block of a leg has the equations and the
-    joints of the leg, see `legs`.
+    joints of the leg, motors included.
     """
     loops = np.arange(robot.n, robot.n + len(robot.loops.names))
     passive = np.arange(robot.n_a, len(robot.moving))
@@ -321,6 +323,7 @@ class SingularBoxTest:
         The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
         arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
         """
+        # the loops narrow boxes, and drop those in which they cannot close
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
 
         # Krawczyk's test proves arcs in boxes that are a little wider, by their radii (S, k)
@@ -421,12 +424,12 @@ class SingularBoxTest:
         # choose the parameter
         parameter = None
         along = np.full(boxes.size, NO_AXIS)
-        reach = np.zeros((boxes.size, 1))  # largest |p| in the box
+        p_radius = np.zeros((boxes.size, 1))  # largest |p| in the box
         if robot.n == 2:
             tangent = np.linalg.svd(in_box.slopes).Vh[:, -1]  # (S, k) the null vector of the slopes
             along = parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
-            reach = np.take_along_axis(boxes.radii, parameter[:, None], axis=1)
-            np.put_along_axis(wider, parameter[:, None], reach, axis=1)
+            p_radius = np.take_along_axis(boxes.radii, parameter[:, None], axis=1)
+            np.put_along_axis(wider, parameter[:, None], p_radius, axis=1)
 
         # a proof bounds all solutions, so it narrows the box further, in place
         proof = prove_existence(at_middle, equations.slope_changes, wider, parameter)
@@ -434,8 +437,8 @@ class SingularBoxTest:
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 
-        # the arc runs along p, |p| <= reach, within a tube about its tangent
-        half_length = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach  # (S, n)
+        # the arc runs along p, |p| <= p_radius, within a tube about its tangent
+        half_length = np.abs(np.matvec(equations.x_slopes, proof.along)) * p_radius  # (S, n)
         x_radii = half_length + equations.x_errors + np.matvec(np.abs(equations.x_slopes), proof.spread)
         x_radii *= ROUND_UP
         is_arc = proof.proved & ~remaining.empty

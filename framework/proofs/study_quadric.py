@@ -59,7 +59,8 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
 
     Points that differ by a complex factor are one point of the projective space.
     """
-    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)  # (S, S) of the angles between points
+    # (S, S) cosines of the angles between points; rounding must not make them larger than 1
+    cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
@@ -73,7 +74,8 @@ def _function_forms() -> Array:
     units = np.eye(8)
     sums = np.array([[_scaled_functions(a + b) for b in units] for a in units])  # (8, 8, 17)
     squares = np.array([_scaled_functions(a) for a in units])  # (8, 17)
-    return np.moveaxis(sums - squares[:, None] - squares, 2, 0) / 2
+    products = sums - squares[:, None] - squares  # (8, 8, 17) f(e_i + e_j) - f(e_i) - f(e_j)
+    return np.moveaxis(products, 2, 0) / 2
 
 
 def _scaled_functions(z: Array) -> Array:
@@ -264,7 +266,7 @@ def planar_displacements(axis: int) -> Displacements:
     1983; Gosselin, Sefrioui and Richard 1992).
     """
     in_plane = [(axis + 1) % 3, (axis + 2) % 3]
-    cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
+    cosine_and_sine = _ROTATION[in_plane, in_plane[0]]  # the other entries of R follow from these two
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
     coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
     return _displacement_group("displacements in a plane", 6, chosen, coordinates)

@@ -44,7 +44,7 @@ class WorkingMode(ReadOnlyArrays):
 
     q: Array  # (nq,) configuration
     motors: Array  # (n_a,) motor joints, joint side of the gears
-    signs: Array  # (legs,) see `leg_signs`
+    signs: Array  # (legs,) of the determinant of each leg, 0 at Type 1
     proved: bool  # to exist, and to be the only solution in a neighbourhood
     within_limits: bool  # of the joints in the URDF
 
@@ -91,9 +91,11 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
+    # combine the solutions of the legs to modes
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
 
+    # prove that each leg has no other solutions
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)  # (0, nq) without modes
     robot_legs = legs(robot)
     counts = tuple(map(len, solutions))
@@ -110,7 +112,7 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
 
 
 def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
-    """Search the solutions (solutions, k) of each leg, of k joints, with the platform at x (n,).
+    """Search the solutions (solutions, k) of each leg of k joints, with the platform at x (n,).
 
     Solutions are offsets of the joints from the reference [rad, robot lengths]. Newton's method solves the
     equations of loops and platform from random starts.
@@ -119,7 +121,7 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     columns = robot.moving
 
     def platform_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
+        """Compute dimensionless offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
