@@ -263,20 +263,21 @@ def driven_turns(robot: ParallelRobot) -> IntArray:
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return the diagonal of G for each idle turn, (k, nv).
+    """Return the diagonal of G, damping or armature of balls, for each idle turn, (k, nv).
 
     It holds the damping of all balls if the turn moves a damped ball. Otherwise it holds their armature if
-    the turn moves a ball with armature, and zeros if not. The turn's motion is that at the reference.
+    the turn moves a ball with armature, and zeros if not. Which balls a turn moves is decided at the
+    reference.
     """
     weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
     if len(weights) and (damping.any() or armature.any()):
-        motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
-        for k, motion in enumerate(motions.T):
+        reference_motions = turn_motions(robot, linearised_at_reference(robot))  # (1, nv, k)
+        for k, motion in enumerate(reference_motions[0].T):
             if np.any(damping * motion):  # the turn moves a damped ball
                 weights[k] = damping
-            elif np.any(armature * motion):
+            elif np.any(armature * motion):  # no damping, but armature
                 weights[k] = armature
     return read_only(weights)
 

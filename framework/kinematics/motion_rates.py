@@ -63,13 +63,16 @@ class Motion:
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv) at platform velocities `platform` (..., T, n), idle turns at rest.
+    """Compute joint rates (..., T, nv) at velocities `platform` (..., T, n), idle turns at rest.
 
-    The rates of the deflections are `elastic` (T, n_e), or zero if None.
+    Args:
+        platform: velocities v of the platform [m/s, rad/s].
+        elastic: rates (..., T, n_e) of the deflections; zero if None.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
+    # J v = (platform, 0): zero rates of the loop equations keep the loops closed
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : robot.n] = platform
     return solve_rates(robot, linearised, right, elastic)
@@ -148,13 +151,14 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints at a twist of the platform.
+    """Compute the motion of all joints at a velocity of the platform.
 
-    Joint rates solve J dq = (v, 0). Accelerations solve J ddq = (dv/dt, 0) - J' dq, with the drift J' dq of
-    platform and loops. Idle turns, which these equations do not determine, are added to both.
+    With J = dF/dq, joint rates v solve J v = (velocity, 0). Accelerations a solve J a = (velocity', 0) - J' v,
+    with the drift J' v of platform and loops. Idle turns, which these equations do not determine, are added
+    to both.
 
     Args:
-        twist: the platform's velocity v and its time derivative dv/dt, (T, n) each.
+        twist: the platform's velocity and its time derivative, (T, n) each.
         dq_e, ddq_e: rates and accelerations (T, n_e) of the deflections; zero if None.
     """
     velocity, acceleration = twist
@@ -170,7 +174,8 @@ def _motion_of_twist(
     if turns is not None:
         jacobian_rate, _ = jacobian_rates(robot, linearised, v)
         rows_rate = turns.rows_rate(robot, linearised, jacobian_rate)
-        a = turns.add_turns(a, -matvec(rows_rate, v))  # Z' G a = -(Z' G)' v
+        # Z' G v = 0 at all times, so Z' G a = -(Z' G)' v; Z are the turns, G their damping or armature
+        a = turns.add_turns(a, -matvec(rows_rate, v))
     return Motion(linearised.frames.q, v, a, linearised)
 
 
