@@ -168,14 +168,15 @@ def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the differences (T, d, 3) of the unit axes of d pairs that should be parallel, `directions`."""
-    first, second, axis, _ = directions
+    first, second, axis, _ = directions  # (d,) two frames, and the axis 0..2 that they share
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
 
 def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of the `direction_gaps` of d pairs along the joints."""
     first, second, axis, _ = directions
-    twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
+    # (T, nv, F, 6) of each frame by each joint: zero if the joint does not carry the frame
+    twists = frames.screws[:, :, None] * frames.carried.T[..., None]
     slopes = frame_velocities(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
     gap_slopes = slopes[:, :, second, axis] - slopes[:, :, first, axis]  # (T, nv, d, 3)
     return np.moveaxis(gap_slopes, 1, 3)
@@ -227,7 +228,7 @@ def loop_force_changes(
     # changes of the wrenches, which move with their frames
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
-    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
+    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])  # (T, k, nv)
 
     # changes of the screws: a joint moves with all joints that precede it
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # (T, k, nv, 6)

@@ -147,9 +147,9 @@ class FrameStack(NamedTuple):
 
     def frame_jacobian(self, frame: int) -> Array:
         """Compute the Jacobian (T, 6, nv) of the frame of index `frame` at its origin, on base axes."""
-        twists = self.screws.copy()  # (T, nv, 6)
+        twists = self.screws.copy()  # (T, nv, 6) of the joints, still at the base's origin
         twists[..., :3] += cross(self.screws[..., 3:], self.position[:, frame, None])
-        twists *= self.carried[frame][:, None]
+        twists *= self.carried[frame][:, None]  # zero for joints that do not move the frame
         return twists.swapaxes(1, 2)
 
 
@@ -180,7 +180,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     model, scratch = mechanism.model, scratch_of(mechanism)
 
     def compute(k: int) -> pin.Model:
-        """Compute joints and screws at q[k]."""
+        """Compute joints and screws at q[k]; the model is the same for all k."""
         pin.computeJointJacobians(model, scratch.data, q[k])
         return model
 
@@ -198,8 +198,9 @@ def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Mode
     for k in range(len(q)):
         pin.updateFramePlacements(compute(k), scratch.data)
         placements[k], screws[k] = scratch.placements, scratch.columns
-    own = placements.take(scratch.frames, axis=1)  # (T, F, 12)
-    return FrameStack(own.reshape(*own.shape[:2], 4, 3), screws, scratch.carried, q)
+    robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
+    placements = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
+    return FrameStack(placements, screws, scratch.carried, q)
 
 
 def rotation_matrices(placements: Array) -> Array:
@@ -250,7 +251,7 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
-    # of pinocchio's functions this one gives the twists of bodies at the base's origin
+    # of pinocchio's functions this one leaves the twists of bodies at the base's origin in its memory
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
         twists[0, k] = scratch.velocities
@@ -264,7 +265,7 @@ def bracket(a: Array, b: Array) -> Array:
     With a = (v, w) and b = (c, u), all (..., 3), it is (w x c + v x u, w x u).
     """
     parts = b.reshape(*b.shape[:-1], 2, 3)  # c and u
-    rates = cross(a[..., None, 3:], parts)  # w x c and w x u
+    rates = cross(a[..., None, 3:], parts)  # w x c and w x u, with one w for both
     rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])  # v x u
     return rates.reshape(*rates.shape[:-2], 6)
 
@@ -280,7 +281,10 @@ def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
-    """Move configurations q (..., nq) by tangent vectors `step` (..., nv), as pinocchio's `integrate`."""
+    """Move configurations q (..., nq) by tangent vectors `step` (..., nv) [rad, m], as pinocchio does.
+
+    On balls, whose quaternions are not vectors, a step is a rotation vector; elsewhere it is added.
+    """
     if not mechanism.has_balls:
         return q + step
     starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
@@ -318,7 +322,10 @@ def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
+    """Compute tangent vectors (..., nv) [rad, m] from start (..., nq) to q (..., nq).
+
+    It is the inverse of `integrate`, with rotation vectors on balls.
+    """
     if not mechanism.has_balls:
         return q - start
     starts, ends = np.broadcast_arrays(start, q)

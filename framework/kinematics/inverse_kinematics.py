@@ -132,9 +132,9 @@ def close_each(
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    given = q if x is None else np.concatenate([q, x], axis=1)
-    # indices of the instants that have not been dropped, at first those whose numbers are finite
-    live = np.flatnonzero(np.isfinite(given).all(axis=1))
+    inputs = q if x is None else np.concatenate([q, x], axis=1)
+    # indices of the instants that have not been dropped, at first those with finite inputs
+    live = np.flatnonzero(np.isfinite(inputs).all(axis=1))
     step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
@@ -227,7 +227,7 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to `rates` (..., T, nv) for Z' G (rates + Z y) = `right` (T, k)."""
+        """Return `rates` (..., T, nv) plus the turns Z y for which Z' G (rates + Z y) = `right` (T, k)."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]  # (..., T, k)
         return rates + np.matvec(self.motions, y)

@@ -230,7 +230,8 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the dimensionless Jacobian (T, n + m, n + m) of the inverse kinematics.
 
     The rows are those of the platform, then of the independent loops. The columns are the actuated, then the
-    passive joints, as in `robot.moving`. The matrix is singular at Type 1 singularities and where the loop equations lose rank.
+    passive joints, as in `robot.moving`. The matrix is singular at Type 1 singularities and where the loop
+    equations lose rank.
     """
     rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]

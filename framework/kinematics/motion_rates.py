@@ -153,9 +153,9 @@ def _motion_of_twist(
 ) -> Motion:
     """Compute the motion of all joints at a velocity of the platform.
 
-    With J = dF/dq, joint rates v solve J v = (velocity, 0). Accelerations a solve J a = (velocity', 0) - J' v,
-    with the drift J' v of platform and loops. Idle turns, which these equations do not determine, are added
-    to both.
+    With J = dF/dq, joint rates v solve J v = (velocity, 0). Accelerations a solve
+    J a = (velocity', 0) - J' v, with the drift J' v of platform and loops. Idle turns, which these equations
+    do not determine, are added to both.
 
     Args:
         twist: the platform's velocity and its time derivative, (T, n) each.

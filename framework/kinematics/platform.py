@@ -83,7 +83,7 @@ class FramePlatform(_Coordinates):
     """Translations of the origin of the mechanism's first frame along base axes, and its attitude."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
-    units: Array  # (n, 6) unit forces and couples along these axes
+    units: Array  # (n, 6) unit force (of a translation) or couple (of a turn) along each of these axes
     turning: IntArray  # indices into x of the turns, which the chart describes together
     attitude: Attitude  # chart of the turns
 
@@ -95,7 +95,7 @@ class FramePlatform(_Coordinates):
         """
         axes = np.array([AXES.index(name) for name in names])  # 0..2 translations, 3..5 turns
         translations = axes < 3
-        sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
+        sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)  # indices into x
         return FramePlatform(
             translations=translations,
             sliding=sliding,
@@ -103,7 +103,7 @@ class FramePlatform(_Coordinates):
             axes=axes,
             units=np.eye(6)[axes],
             turning=turning,
-            attitude=attitude_about(axes[turning] - 3),
+            attitude=attitude_about(axes[turning] - 3),  # base axes 0..2 of the turns
         )
 
     def choose_chart(self, rotations: Array) -> FramePlatform:

@@ -104,7 +104,7 @@ def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, no
         if not stack.closed.all():
             return None
         g, gradients = _measure_in_space(robot, stack.linearised)
-        step = g / (gradients @ normal)
+        step = g / (gradients @ normal)  # [m] Newton's step along the normal
         height -= step
         if not np.abs(height).max() < farthest:
             return None
@@ -115,6 +115,8 @@ def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, no
 
 def _measure_in_space(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute g (T,), each with the border of its own P, and its gradients (T, 3) [1/m] in space.
+
+    The gradient has the derivatives of g along the platform's three translations, other coordinates at rest.
 
     Raises:
         NotAssembled: the platform does not determine the joints.

@@ -117,7 +117,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         level=level,
         kind=kind,
         verdict=verdict,
-        twist=twist / (twist_norm(robot, twist) or 1.0),  # zeros stay zeros
+        twist=twist / (twist_norm(robot, twist) or 1.0),  # a twist of zeros remains zero
         stopped=stopped,
     )
 
@@ -157,7 +157,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # the largest motion is t_s / divisor: either its shift or its turn has the largest value allowed
+    # the largest motion is t_s / divisor, whose shift or turn has the largest value allowed, and neither more
     divisor = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if divisor == 0 or np.linalg.matrix_rank(E) < robot.n:
@@ -239,7 +239,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
         return pose
 
     last_inside = describe_jogged_pose(robot, q)
-    inside, outside = 0.0, 1.0  # shares of the motion
+    inside, outside = 0.0, 1.0  # shares of the motion, within limits and beyond
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)

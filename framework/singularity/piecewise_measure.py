@@ -64,8 +64,8 @@ class Measured:
         """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
         return max(1, count_small_values(matrix, VANISHING_TOGETHER**self.power))
 
-    def guess(self, s: Array) -> LinearisedLoops:
-        """Linearise the loops at the branch's guesses for s (T,), closed or not."""
+    def linearise_guesses(self, s: Array) -> LinearisedLoops:
+        """Linearise the loops at the branch's guesses for s (T,), where the loops need not be closed."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
@@ -157,13 +157,16 @@ class Candidate(NamedTuple):
 
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels."""
+    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels.
+
+    Minima count if |g| there is small compared with the largest |g| of the path.
+    """
     # |g| on a panel is at most the sum of |coefficients|, as Chebyshev |T_k| <= 1
     largest = max(float(np.abs(panel.series).sum()) for panel in resolved)
     level = CANDIDATE_DEPTH * MEASURE_TAIL * largest
     candidates = list[Candidate]()
     for panel in resolved:
-        # and at least the constant coefficient less all others
+        # |g| is at least the constant coefficient less all others: no candidate if this is large
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > level:
             continue
@@ -207,7 +210,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
 
 
 def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below `level` times the largest, or times 1 if less."""
+    """Count the singular values of a matrix below `level` times the largest, or times 1 if that is less."""
     values = singular_values(matrix)  # descending
     return int(np.sum(values < level * min(values[0], 1.0)))
 
@@ -265,6 +268,7 @@ class Extremum(NamedTuple):
             if bracket is None:
                 continue
             inner, outer = bracket
+            # bisect until no number lies between the two
             while (middle := 0.5 * (inner + outer)) not in (inner, outer):
                 if self.evaluate(np.array([middle]))[0] * self.g > 0:  # the sign of the extremum
                     inner = middle
@@ -282,14 +286,14 @@ class Extremum(NamedTuple):
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
-        room = abs(end - self.s)
+        room = abs(end - self.s)  # in s
         doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
         distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):
             return None
-        last = passing[0]  # index of the step after which g passes
+        last = passing[0]  # index of the first step after which g passes
         return _Bracket(inner=float(s[last]), outer=float(s[last + 1]))
 
 
@@ -335,7 +339,7 @@ def extremum_near(
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
-        local = 2 * (s - start) / (end - start) - 1
+        local = 2 * (s - start) / (end - start) - 1  # of s, which is not in the middle beside a knot
         nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
         s = float(start + 0.5 * (end - start) * (nearest + 1))
         if rounding <= 10 * MEASURE_ROUNDING:  # no truncation error is left, with a margin

@@ -63,8 +63,8 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
-    so they need not be refined again. Where several singular values vanish at once, the entries of G replace
-    g.
+    so they need not be refined again. Where several singular values vanish at once, g has a multiple root,
+    and the contact is located by the entries of the block G instead.
 
     Args:
         resolved: the panels of g along the whole path.
@@ -94,6 +94,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
             # a root at the edge of two panels is found twice
             if _is_apart(root.place, single, SAME_PLACE) and _loses_rank(measured, root.place, size):
                 single.append(Contact(root.place, "transversal"))
+    # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
 
@@ -229,8 +230,11 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
-    The Gauss-Newton method minimises |G|, whose entries all vanish at the contact. If they vanish without a
-    slope, the contact is the extremum of `_product_with_end_blocks`. The border has `size` columns.
+    The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
+    at the contact. If they vanish without a slope, the contact is the extremum of `_product_with_end_blocks`.
+
+    Args:
+        size: number of columns of the border, which is the number of small singular values.
     """
     s = start
     for _ in range(MAX_ITERATIONS):
@@ -242,6 +246,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
         if abs(step) < NEWTON_STEP:
             break
 
+    # slopes of the singular values, relative to the curvature of G if this is large
     slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly

@@ -189,7 +189,7 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
-    eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values
+    eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values, with arbitrary signs
 
     # give eta signs that are continuous from one configuration to the next
     cosines = np.sum(eta[1:] * eta[:-1], axis=1)  # (T - 1,) between successive configurations

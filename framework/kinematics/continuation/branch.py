@@ -168,24 +168,25 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     """Return the branch with a continuation about s; None if the branch is not smooth at s.
 
     Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
-    is not accurate enough still gives the guesses for the next, narrower one.
+    is not accurate enough still gives the guesses for the next, narrower one. The result has only the last
+    one besides the continuations of `branch`.
     """
     piece = np.searchsorted(branch.path.knots, s, side="right")  # index of the smooth piece
     lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
-    continued = branch  # with the last continuation that was fitted
+    guesses = branch  # the branch with the continuation that was fitted last
     for half_width in HALF_WIDTHS:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
-        continuation = _fit_continuation(continued, s, start, end)
+        continuation = _fit_continuation(guesses, s, start, end)
         if continuation is None:
             continue
-        continued = replace(branch, continuations=(*branch.continuations, continuation))
+        guesses = replace(branch, continuations=(*branch.continuations, continuation))
         if continuation.error < CONTINUATION_ERROR:
-            return continued
+            return guesses
     return None
 
 
 def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
-    """Fit a continuation about s between start and end; None if too few nodes are sound.
+    """Fit a continuation about s between start and end, in s; None if too few nodes are sound.
 
     A node is sound if Newton's method is trusted there, see `_trusted_offsets`. The series is fitted to the
     closed configurations at the sound nodes. The error is the largest of misfit, residual and truncation

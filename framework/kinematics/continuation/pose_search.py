@@ -156,10 +156,10 @@ class PoseSearch:
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
 
-            following = self._follow(iterate, step, target)
-            if following is not None and following.value < iterate.value:
-                iterate = following
-                damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
+            next_iterate = self._follow(iterate, step, target)
+            if next_iterate is not None and next_iterate.value < iterate.value:
+                iterate = next_iterate
+                damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0  # relax, at last to Newton's step
             else:  # refused, or no nearer to the target
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
@@ -250,18 +250,18 @@ class PoseSearch:
         if not is_small(corrected, advance)[0]:
             return None
 
-        following = self._evaluate(q, iterate.x, target, step.range_forces)
+        next_iterate = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
         least_room = np.minimum(iterate.determinant_room, -0.5 * LEAST_DETERMINANTS)
-        if (following.determinant_room < least_room).any():
+        if (next_iterate.determinant_room < least_room).any():
             return None
-        if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
+        if not keeps_working_mode(self.robot, iterate.loops, next_iterate.loops)[0]:
             return None
         if self._motors_hold:
-            start, end = map(passive_determinants, (iterate.loops, following.loops))
+            start, end = map(passive_determinants, (iterate.loops, next_iterate.loops))
             if not keeps_sign(start, end)[0]:
                 return None
-        return following
+        return next_iterate
 
     def _close(self, q: Array) -> Array | None:
         """Close the loops near q (nq,) by Newton steps of least norm; None without success.

@@ -131,7 +131,12 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
     """Return the robot at a closed pose, the gap at its reference, and remarks.
 
-    The gap [m or rad] is None if the loops close near the reference of the file.
+    The pose is the closed reference of the file. If the loops do not close near it, a search finds another
+    pose. If the pose is on a singularity of the loops, a regular pose beside it is taken.
+
+    Returns:
+        The robot; the residual [m or rad] near the file's reference, None if the loops close there; the
+        remarks on the pose.
 
     Raises:
         NotAssembled, SingularReference: see `check_robot`.
@@ -156,6 +161,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:
+        # a singular reference is one with nearby poses of higher rank, so one exists
         beside = replace(mechanism, q_near=nearby_configurations(mechanism, closing.q)[0])
         try:
             robot = ParallelRobot.of(beside)
@@ -250,12 +256,15 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
 
 
 def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
-    """Yield advice on a reference that differs from the stated one, or exceeds joint limits."""
-    offset = difference(robot, robot.q_near, robot.reference.q)
-    stated = velocity_columns(robot.model, robot.description.reference)
-    sizes = np.abs(offset / robot.column_scale)[stated]
+    """Yield advice on a closed reference that differs from the file's, or exceeds joint limits.
+
+    Only joints whose positions the file states are compared; the others are found by closing the loops.
+    """
+    offset = difference(robot, robot.q_near, robot.reference.q)  # (nv,) from the file's to the closed one
+    stated_columns = velocity_columns(robot.model, robot.description.reference)
+    sizes = np.abs(offset / robot.column_scale)[stated_columns]
     if sizes.max(initial=0.0) > MOVED_REFERENCE:
-        farthest = stated[sizes.argmax()]
+        farthest = stated_columns[sizes.argmax()]
         yield (
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
             f"{offset[farthest]:+.3g} {robot.unit_of(farthest)}"
