@@ -266,23 +266,23 @@ def coordinate_changes(
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
     right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)  # a unit rate of such a joint opens the loops
-    dq = _solve_moving(robot, motion, right[0])  # Y
-    dq[:, range(n, k), columns] = 1.0
+    dq = _solve_moving(robot, motion, right[0])  # Y (T, k, nv)
+    dq[:, range(n, k), columns] = 1.0  # each of the joints `columns` moves at its own unit rate
 
     def rest_columns(change: Array) -> Array:
         """Add closed motions to a `change` (T, k, nv) of rates so that `columns` are at rest."""
         return change - change[..., columns] @ dq[:, n:]
 
     rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
-    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
+    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)  # (T, nv, n + m): transposed, as Y is
 
     # J Y' = E' - J' Y, and J Y" = E" - 2 J' Y' - J" Y
-    bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
-    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + bracket)
-    rate = dv - bracket  # Y'
-    da = _solve_moving(robot, motion, right[2] - 2.0 * rate @ dJ - dq @ ddJ)
-    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, rate)
-    return MotionChanges(dq, dv, rest_columns(da), 2.0 * dv - rest_columns(bracket))
+    lie_bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
+    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + lie_bracket)
+    dY = dv - lie_bracket  # Y'
+    da = _solve_moving(robot, motion, right[2] - 2.0 * dY @ dJ - dq @ ddJ)
+    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, dY)
+    return MotionChanges(q=dq, v=dv, a=rest_columns(da), a_by_rates=2.0 * dv - rest_columns(lie_bracket))
 
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
@@ -293,11 +293,11 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
-    bracket = np.zeros_like(motions)
+    lie_bracket = np.zeros_like(motions)
     balls = ball_columns(robot.model)  # (b, 3)
     if len(balls):
-        bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
-    return bracket
+        lie_bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
+    return lie_bracket
 
 
 def require_turns_at_rest(robot: ParallelRobot) -> None:

@@ -78,8 +78,8 @@ def rotate_vector(quaternion: Array, vector: Array) -> Array:
     With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """
     a, w = quaternion[:, :3], quaternion[:, 3:]
-    normal = 2 * np.cross(a, vector)
-    return vector + w * normal + np.cross(a, normal)
+    doubled = 2 * np.cross(a, vector)  # 2 a x u
+    return vector + w * doubled + np.cross(a, doubled)
 
 
 def carried_points(pose: Array, points: Array) -> Array:

@@ -50,11 +50,11 @@ CLASSES = {
     "closure": ("singularity of the loops", "they do not determine how their joints move"),
 }
 
-_TYPE_1 = {
+_TYPE_1_VERDICTS = {
     "near": "near Type 1: the leg of {joint} is nearly stretched or folded",
     "singular": "at Type 1: the leg of {joint} is stretched or folded",
 }
-_MOTORS_END = (
+_MOTORS_STOP = (
     "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
     "mode. Led by the platform, the robot goes across."
 )
@@ -103,7 +103,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     elif level != "regular":
         kind = "type_1"
-        verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+        verdict = _TYPE_1_VERDICTS[level].format(joint=weakest_leg(robot, linearised))
 
     has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
@@ -318,7 +318,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         except Type2Singularity as end:
             pose = describe_jogged_pose(robot, stop_before(end.share * abs(angle), np.sign(angle)))
             name, _ = CLASSES.get(pose.kind, CLASSES["type_2"])
-            return replace(pose, stopped=_MOTORS_END.format(name=name))
+            return replace(pose, stopped=_MOTORS_STOP.format(name=name))
         except NotAssembled as end:
             return describe_jogged_pose(robot, end.q, str(end))
 

@@ -122,12 +122,14 @@ class Panel:
 
 
 def _panel_nodes(start: float, end: float) -> Array:
-    """Return the Chebyshev nodes (PANEL_NODES,) between two path coordinates."""
+    """Return the Chebyshev nodes (PANEL_NODES,) of a panel from `start` to `end`, all in s."""
     return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
 def resolve_panels(measured: Measured) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
+
+    The first panels lie between the knots of the `measured` matrix.
 
     Raises:
         Unresolved: g is not resolved on a panel of the least width.
@@ -238,7 +240,7 @@ class Extremum(NamedTuple):
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def bracket(self, level: float) -> tuple[float, float]:
-        """Return the nearest s on each side of the extremum where |g| exceeds `level`.
+        """Return the nearest s below and above the extremum where |g| exceeds `level`.
 
         On a side without such an s, the end of the panel is returned.
         """

@@ -67,6 +67,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     and the contact is located by the entries of the block G instead.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         resolved: the panels of g along the whole path.
     """
     multiple = list[Contact]()  # where several singular values vanish at once
@@ -103,10 +104,12 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     """Find the near misses along the path, ascending in s.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         resolved: the panels of g along the whole path.
         known: the contacts.
     """
     least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
+    # no near miss above this share of the largest; with power 2 singular values are squares
     level = NEAR_MISS**measured.power * np.max(least_values)
     candidates = [
         _miss_at_end(measured, resolved[0], known, level, 0.0),
@@ -132,6 +135,7 @@ def _miss_at_extremum(
     doubled.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         matrix: (n, n) at the start.
         known: the contacts of the path.
         level: least singular value at the start above which there is no near miss.
@@ -156,6 +160,7 @@ def _miss_at_end(
     The end is no near miss if a contact is closer than the distance over which g changes by its own value.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         panel: the panel at this end.
         known: the contacts of the path.
         level: least singular value at the end above which there is no near miss.
@@ -164,9 +169,10 @@ def _miss_at_end(
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
-    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:
+    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
-    width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
+    # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
+    width = float(0.5 * panel.width * abs(value / slope))
     if not _is_apart(s, known, width):
         return None
     return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(matrix))
@@ -195,6 +201,9 @@ class RootStretch(NamedTuple):
 
 def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
     """Find the contacts at or beside an extremum of g with a border of `size` columns.
+
+    If g is zero at the extremum within rounding, this is the contact. Otherwise the contacts are the roots of
+    g beside the extremum, at most two.
 
     Returns:
         The contacts; the reach of their `RootStretch`: the distance from the extremum, in s, up to which they

@@ -133,9 +133,11 @@ class Branch(ReadOnlyArrays):
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         chord = self.u[k + 1] - self.u[k]
-        start, end = step * self.du[k], step * self.du[k + 1]  # derivatives with respect to t
-        quadratic, cubic = 3 * chord - 2 * start - end, start + end - 2 * chord  # coefficients of t^2, t^3
-        return self.u[k] + t * (start + t * (quadratic + t * cubic))
+        start_slope = step * self.du[k]  # du/dt at both knots
+        end_slope = step * self.du[k + 1]
+        quadratic = 3 * chord - 2 * start_slope - end_slope  # coefficient of t^2
+        cubic = start_slope + end_slope - 2 * chord  # coefficient of t^3
+        return self.u[k] + t * (start_slope + t * (quadratic + t * cubic))
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).

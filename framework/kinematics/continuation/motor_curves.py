@@ -172,6 +172,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
+    # the tangent may turn only where P is far from losing rank, so that no other branch crosses
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
     on_branch &= keeps_sign(  # of det P
         (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
@@ -244,7 +245,7 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
         """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
 
-        They depend on the share s only by q.
+        The second argument, the share s, is not used: the equations depend on s only by q.
         """
         linearised = linearised_at(robot, q_on_curve, None)
         loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)

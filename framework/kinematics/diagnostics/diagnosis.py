@@ -80,15 +80,15 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     """
     expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
-    motions = count_freedoms(robot)
-    axes = examine_platform_axes(robot, motions.working - len(motions.loose))
-    square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
-    working, assembly, least = _reference_modes(robot) if square else (0, 0, np.inf)
+    mobility = count_freedoms(robot)
+    axes = examine_platform_axes(robot, mobility.working - len(mobility.loose))
+    square = robot.n == mobility.working <= robot.n_a and not axes.stuck_here
+    working_sign, assembly_sign, least = _reference_modes(robot) if square else (0, 0, np.inf)
     bodies = moving_bodies(robot)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
-        *_advice_on_motions(robot, motions, axes),
+        *_advice_on_motions(robot, mobility, axes),
         *_advice_on_loops(robot, redundant),
         *remarks_on_bodies(robot),
         *_advice_on_reference(robot),
@@ -101,13 +101,13 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
         passive_joints=tuple(
-            name for name in map(robot.coordinates.name_of, robot.passive) if name not in motions.idle
+            name for name in map(robot.coordinates.name_of, robot.passive) if name not in mobility.idle
         ),
-        idle_joints=motions.idle,
-        loose_joints=motions.loose,
+        idle_joints=mobility.idle,
+        loose_joints=mobility.loose,
         springs=robot.spring_names,
-        mobility=motions.freedoms,
-        redundant_motors=max(robot.n_a - motions.working, 0),
+        mobility=mobility.freedoms,
+        redundant_motors=max(robot.n_a - mobility.working, 0),
         loop_equations=len(robot.rows.names),
         rank=len(robot.structure.independent),
         redundant_rows=redundant,
@@ -116,8 +116,8 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         closure_error=robot.reference.residual,
         reference=robot.reference_values(robot.reference.q),
         platform=tuple(robot.reference.x.tolist()),
-        working_mode=working,
-        assembly_mode=assembly,
+        working_mode=working_sign,
+        assembly_mode=assembly_sign,
         smallest_singular_value=least if least < np.inf else None,
         square=square,
         stuck_axes=axes.stuck,
@@ -183,9 +183,9 @@ def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
 
 
-def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> Iterator[str]:
+def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformAxes) -> Iterator[str]:
     """Yield advice on a robot's freedoms and its platform's axes."""
-    mobility = motions.working
+    freedoms = mobility.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
     if axes.stuck:
@@ -199,29 +199,29 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
             f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
             f"Type 1 singularity; give another reference"
         )
-    if robot.n != mobility:
+    if robot.n != freedoms:
         yield (
-            f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
-            f"platform's axes or the closures{_name_suspect_closures(robot, mobility)}"
+            f"{robot.n} platform axes for {freedoms} degrees of freedom: planning needs as many; change the "
+            f"platform's axes or the closures{_name_suspect_closures(robot, freedoms)}"
             f"{'' if axes.stuck else instead}"
         )
-    if robot.n_a < mobility:
+    if robot.n_a < freedoms:
         yield (
-            f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: nothing holds the rest; add actuators"
         )
-    if robot.n_a > mobility:
+    if robot.n_a > freedoms:
         yield (
-            f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
-    if motions.loose:
+    if mobility.loose:
         yield (
-            f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
+            f"{', '.join(mobility.loose)}: masses move there by themselves, without a motor and without the "
             f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
-    if motions.idle:
+    if mobility.idle:
         yield (
-            f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
+            f"{', '.join(mobility.idle)} may turn without moving any centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
