@@ -81,7 +81,10 @@ class Attitude(ReadOnlyArrays):
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute E(x) u and its time derivative, (T, k) each, for derivatives dx, du of x, u."""
+        """Compute E(x) u and its time derivative, (T, k) each, for u (T, k), such as dx.
+
+        dx and du (T, k) are the time derivatives of x (T, k) and u.
+        """
         return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:

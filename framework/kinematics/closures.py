@@ -100,7 +100,7 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 
     Args:
         placements: axes and origins (..., F, 4, 3) of the frames.
-        changes: changes of these, of the same shape.
+        changes: changes of these (..., F, 4, 3); the leading dimensions of both are broadcast.
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)

@@ -186,7 +186,7 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        signs, _ = factors.slogdet
+        signs, _ = factors.slogdet  # 0 where the matrix is singular
         return residual, signs != 0  # the residual stands for steps that do not exist
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
@@ -227,7 +227,11 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Return `rates` (..., T, nv) plus the turns Z y for which Z' G (rates + Z y) = `right` (T, k)."""
+        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right`.
+
+        Args:
+            right: (T, k); zero for rates, -(Z' G)' v for accelerations.
+        """
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]  # (..., T, k)
         return rates + np.matvec(self.motions, y)

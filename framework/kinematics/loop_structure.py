@@ -91,6 +91,7 @@ def refuse_singular_reference(
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
     for nearby in others:
         rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        # transposed, so that each row belongs to a passive joint
         joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)  # indices into `passive`
         if len(rows) or len(joints):
             raise SingularReference(

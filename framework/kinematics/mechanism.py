@@ -252,7 +252,8 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
-    reference = file_axes(model).T @ _joint_vector(model, description.reference)  # (nv,)
+    # (nv,) on pinocchio's axes, which differ from those of the file on balls
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)
     q_near = pin.integrate(model, pin.neutral(model), reference)
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 

@@ -270,9 +270,7 @@ def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)  # (m, 2) indices i, j
     cells = nearest[:, None] + NINE_CELLS  # (m, 9, 2) indices of the nine poses
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
-    cells[~on_map] = (
-        0  # indices must exist: any pose stands for those beyond the map, which are not `reached`
-    )
+    cells[~on_map] = 0  # a valid index for poses beyond the map, which do not count as `reached`
     i, j = np.moveaxis(cells, 2, 0)  # (m, 9) each
     return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
 
