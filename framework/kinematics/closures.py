@@ -126,7 +126,7 @@ def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
-    """Select the two vectors a, b (..., m, 3) whose scalar product is each row, see `LoopRows`.
+    """Select the two vectors a, b (..., m, 3) of m rows; each row keeps a . b constant.
 
     The axis u belongs to the first frame of a row and the axis w to the second; d leads from the first origin
     to the second. a is u, or d in a row d . d. b is d, or w in a rotation row u . w. Both are linear in

@@ -204,7 +204,7 @@ def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Mode
 
 
 def rotation_matrices(placements: Array) -> Array:
-    """Return the rotation matrices (..., 3, 3) of placements (..., 12) as in `Scratch`."""
+    """Return the rotation matrices (..., 3, 3) of placements (..., 12): three axes, then the origin."""
     axes = placements[..., :9].reshape(*placements.shape[:-1], 3, 3)  # one axis a row
     return axes.swapaxes(-1, -2)
 

@@ -57,8 +57,8 @@ class Mechanism(ReadOnlyArrays):
     elastic_names: Names  # (n_e,) of the springs' own joints
     frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
     rows: LoopRows  # all loop equations, redundant ones included
-    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `loop_structure`
-    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
+    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: they are only measured
+    directions: LockedDirections  # pairs of axes that are all parallel only if no closure is flipped
     limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
     q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close
     length: float  # [m] size of the mechanism, by which lengths become dimensionless

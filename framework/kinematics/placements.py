@@ -53,7 +53,7 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) [m] of one of pinocchio's frames at F configurations.
 
     Args:
-        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+        poses: (F, njoints, 7) of the joints: positions [m], then quaternions (x, y, z, w).
         frame: index of the frame in the model.
     """
     placed = robot.model.frames[frame]
@@ -65,7 +65,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
     """Compute all positions (m, 3) [m] of joints, platform and loop frames, which a view has to show.
 
     Args:
-        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+        poses: (F, njoints, 7) of the joints: positions [m], then quaternions (x, y, z, w).
     """
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     # the positions of all joints but joint 0, the world

@@ -145,7 +145,7 @@ class Coordinates:
         return self.to_file_axes(np.asarray(from_neutral))
 
     def to_file_axes(self, v: Array) -> Array:
-        """Convert tangent vectors v (T, nv) to the axes of files, see `file_axes`."""
+        """Convert tangent vectors v (T, nv) to the axes of files, which differ from the model's on balls."""
         return v if self.model.nq == self.model.nv else v @ file_axes(self.model).T
 
 
@@ -248,6 +248,7 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         positions = q[:, limit.coordinate]
         least, largest = float(positions.min()), float(positions.max())
         excesses = []
+        # the farthest position beyond each limit, with the limit and the excess
         for position, bound, excess in (
             (least, limit.lower, limit.lower - least),
             (largest, limit.upper, largest - limit.upper),

@@ -50,7 +50,8 @@ class LocusCurves(NamedTuple):
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
     """Trace the locus about a configuration q (nq,), x (n,) in its working mode.
 
-    None unless the platform has exactly two translations and g has a sign, see `has_signed_measure`.
+    None unless the platform has exactly two translations and g has a sign: some joints are passive, and no
+    motors are redundant.
     """
     translations = robot.platform.sliding.tolist()
     if len(translations) != 2 or not has_signed_measure(robot):

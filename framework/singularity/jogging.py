@@ -67,7 +67,7 @@ class JoggedPose:
     q: Array  # (nq,)
     x: Array  # (n,) platform coordinates
     motors: Array  # (n_a,) joint side [rad, m]
-    g: float | None  # see `singularity_measure`; None if every joint has a motor
+    g: float | None  # signed measure, zero at Type 2; None if every joint has a motor
     smallest: float | None  # least singular value of P; None if every joint has a motor
     level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""

@@ -69,8 +69,8 @@ NAMES = {
 class Classification(ReadOnlyArrays):
     """The kinds of singularity of a pose of a robot with c escaping motions, and its distances.
 
-    Torques per newton are those of `Distances`: the largest over unit forces along the platform's
-    translations, infinite if t_s moves the platform's point, NaN for a platform that only turns.
+    Torques per newton balance a force on the platform in the worst direction of its translations. They are
+    infinite if t_s moves the platform's point, and NaN for a platform that only turns.
     """
 
     kinds: Names  # of NAMES, in this order; empty for a regular pose

@@ -75,10 +75,12 @@ class LocusCurve(ReadOnlyArrays):
     q: Array  # (m, nq)
     x: Array  # (m, n)
     motors: Array  # (m, n_a) joint side, continuous over whole turns
-    modes: Array  # (m, legs) working mode: the sign of each leg, see `leg_signs`
+    modes: Array  # (m, legs) working mode: the sign of each leg's determinant, which changes at Type 1
     kind: str  # type_2; self_motion if the motors rest all along; joints_only if the platform rests all along
     closed: bool
-    ends: tuple[str, str]  # closed, left (the region), stalled or long, see `Curve`
+    # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
+    # rank); or long (too many points)
+    ends: tuple[str, str]
     cusps: tuple[LocusPoint, ...]
     branch_points: tuple[LocusPoint, ...]  # where another curve of the locus crosses
 

@@ -75,7 +75,8 @@ def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -
     `uncontrolled_motion`.
 
     Returns:
-        The twist (n,), see `twist_norm`; the joint rates (nv,).
+        The twist (n,), whose point has unit speed, or which turns at a unit rate if the point rests; the
+        joint rates (nv,) of this twist.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value

@@ -75,7 +75,7 @@ class Branch(ReadOnlyArrays):
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
     wrenches: ExternalWrenches = NO_WRENCHES
-    series: TimeFunction | None = None  # u as a function of s, for more accurate guesses, see `through`
+    series: TimeFunction | None = None  # u(s), for more accurate guesses than those of the cubics
 
     @property
     def knots(self) -> Array:
@@ -99,7 +99,7 @@ class Branch(ReadOnlyArrays):
 
         Args:
             edges: (panels + 1,) path coordinates of the panels' edges, from 0 to 1.
-            q: (panels * size, nq) configurations at the `size` nodes of each panel, see `TimeGrid`.
+            q: (panels * size, nq) configurations at the `size` Chebyshev nodes of each panel, panel by panel.
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
         series = grid.fit(difference(self.robot, self.origin, q))
@@ -190,7 +190,7 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
     """Fit a continuation about s between start and end, in s; None if too few nodes are sound.
 
-    A node is sound if Newton's method is trusted there, see `_trusted_offsets`. The series is fitted to the
+    A node is sound if Newton's method is trusted there, by `_trusted_offsets`. The series is fitted to the
     closed configurations at the sound nodes. The error is the largest of misfit, residual and truncation
     error.
     """

@@ -158,10 +158,10 @@ def curve_end_error(
 
 @dataclass(frozen=True, eq=False)
 class PoseStack(ReadOnlyArrays):
-    """Poses for T sets of motor angles, see `ForwardPose`; the rows in `refused` are NaN."""
+    """Poses for T sets of motor angles; the rows in `refused` are NaN."""
 
     q: Array  # (T, nq)
-    x: Array  # (T, n)
+    x: Array  # (T, n) platform coordinates, with whole turns since the start
     residual: Array  # (T,) largest residual of all loop equations [m or rad]
     clearance: Array  # (T,) least singular value of P on the curve (radians, robot lengths)
     refused: Mapping[int, NotAssembled]  # errors by row; a `Type2Singularity` says where it lies

@@ -59,7 +59,7 @@ LEAST_DAMPING = 1e-2  # first damping after a step that does not lead nearer
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The nearest pose to a target in a local search, see `Configuration`."""
+    """The nearest pose to a target that a local search finds, with its distance."""
 
     distance: float  # from the target, in `unit`
     unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad

@@ -82,7 +82,7 @@ class _Group:
 
     mechanism: Mechanism
     rows: LoopRows
-    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
+    directions: LockedDirections  # d pairs of axes that are all parallel only if no closure is flipped
     columns: IntArray  # (k,) columns of the joints
     lower: Array  # (k,) least offsets within the limits; infinite without limits
     upper: Array  # (k,) largest offsets within the limits

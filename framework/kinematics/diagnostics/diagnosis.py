@@ -139,7 +139,8 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         remarks on the pose.
 
     Raises:
-        NotAssembled, SingularReference: see `check_robot`.
+        NotAssembled: the loops do not close near the reference, and the search finds no other pose.
+        SingularReference: the loops are nearly singular both at the reference and beside it.
     """
     gap = None
     remarks = list[str]()
