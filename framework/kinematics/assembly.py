@@ -75,6 +75,7 @@ def close_reference(mechanism: Mechanism) -> Closing:
     """
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
     others = np.setdiff1d(mechanism.joints, stated)
+    # if the file states all joints, all move at once
     closing = _close(mechanism, mechanism.q_near, others if len(others) else mechanism.joints)
     if closing.gap > CLOSED_LOOP and len(stated):
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)

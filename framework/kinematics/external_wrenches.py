@@ -63,8 +63,8 @@ class ExternalWrenches:
     def of(wrenches: Mapping[str, Any] | None) -> ExternalWrenches:
         """Return the wrenches of a mapping {frame: wrench}; none for None.
 
-        A wrench is (force, moment) (6,), a table (K, 7) of rows (s, force, moment), or either one with its axes
-        as {wrench: ..., axes: base or tool}.
+        A wrench is (force, moment) (6,), a table (K, 7) of rows (s, force, moment), or one of these with its
+        axes: {wrench: ..., axes: base or tool}.
 
         Raises:
             InvalidInput: a value is not a wrench.

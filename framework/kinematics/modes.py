@@ -137,7 +137,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     for k in range(count):
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed_columns = np.flatnonzero(needs[k, label] & (label != k))
+        needed_columns = np.flatnonzero(needs[k, label] & (label != k))  # in other legs
         all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
     # motors are the first columns; legs without a motor come last
     return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
@@ -146,7 +146,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
 def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
     """Compute whether leg i needs leg j, directly or through others, (count, count).
 
-    A leg also needs itself.
+    A leg also needs itself, so that the powers of the matrix keep shorter chains.
 
     Args:
         count: number of legs.

@@ -197,13 +197,13 @@ class Points(NamedTuple):
     eta: Array  # (S, m) unit passive rates of the escaping motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
 
-    def reverse(self) -> Points:
+    def negate_tangents(self) -> Points:
         """Return the points in the same order with opposite tangents."""
         return self._replace(tangent=-self.tangent, determinant=-self.determinant)
 
-    def backwards(self) -> Points:
+    def reverse_order(self) -> Points:
         """Return the points of one curve in reverse order, with opposite tangents."""
-        return select(self.reverse(), slice(None, None, -1))
+        return select(self.negate_tangents(), slice(None, None, -1))
 
     def single(self, k: SupportsIndex) -> Points:
         """Return the k-th of the points, S = 1."""
@@ -253,8 +253,8 @@ def trace_curve(
     forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
     if end == "closed":
         return Curve(forward, (end, end))
-    backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
-    other_half = select(backward.backwards(), slice(-1))  # the start is the first point of `forward`
+    backward, begin = _trace_from(equations, start.negate_tangents(), inside, min(longest, MAX_STEP))
+    other_half = select(backward.reverse_order(), slice(-1))  # the start is the first point of `forward`
     return Curve(join([other_half, forward]), (begin, end))
 
 
@@ -362,7 +362,7 @@ def _append_tangent(slopes: Array, tangent: Array) -> Array:
 
 
 def _turn_along(vectors: Array, directions: Array) -> Array:
-    """Negate vectors (S, k) that point against directions (S, k)."""
+    """Negate the vectors (S, k) that point against their directions (S, k)."""
     return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
 
 

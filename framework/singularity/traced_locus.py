@@ -321,7 +321,8 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
     slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
-    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
+    # (2, 2) matrix of y . F"(w, w); `eigh` reads one triangle, as it is symmetric up to the differences' error
+    form = left_null @ changes @ null_space.T
 
     tangents = _zero_directions(form) @ null_space
     if not len(tangents):
@@ -391,7 +392,7 @@ class Region(NamedTuple):
         points = curve.points
         first_end, last_end = curve.ends
         if first_end == "left":
-            points = self._clip_end(points.backwards(), self.mode).backwards()
+            points = self._clip_end(points.reverse_order(), self.mode).reverse_order()
         if last_end == "left":
             points = self._clip_end(points, self.mode)
         return Curve(points, curve.ends)

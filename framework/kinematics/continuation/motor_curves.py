@@ -135,7 +135,7 @@ def _begin_curves(
 ) -> MotorCurves:
     """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)  # copies of the arrays of `start`
+    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
     curves.share[:] = 0.0
     curves.steps[:] = 0
     curves.least[:] = curves.clearance
