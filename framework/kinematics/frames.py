@@ -36,10 +36,10 @@ class Scratch(NamedTuple):
 
     data: pin.Data
     placements: Array  # (frames of the model, 12) the three axes of a frame, then its origin [m]
-    columns: Array  # (nv, 6) screws of the joints
+    screws: Array  # (nv, 6) of the joints: the twist that each unit rate gives to the carried bodies
     velocities: Array  # (bodies of the model, 6) twists
     accelerations: Array  # (bodies of the model, 6) time derivatives of these twists
-    joints: Array  # (bodies of the model, 12) placements of the joints, like `placements`
+    joint_placements: Array  # (bodies of the model, 12) of the joints, like `placements`
     forces: Array  # (bodies of the model, 6) wrenches through the joints, on their own axes, by RNEA
     frames: IntArray  # (F,) rows of `placements`: the frames `Mechanism.frames`
     bodies: IntArray  # (F,) rows of `velocities`: the bodies that carry these frames
@@ -59,10 +59,10 @@ class Scratch(NamedTuple):
         return Scratch(
             data=data,
             placements=_view_vector(data.oMf, "rotation", 12),
-            columns=data.J.reshape(6, -1).T,
+            screws=data.J.reshape(6, -1).T,
             velocities=_view_vector(data.ov, "linear", 6),
             accelerations=_view_vector(data.oa, "linear", 6),
-            joints=_view_vector(data.oMi, "rotation", 12),
+            joint_placements=_view_vector(data.oMi, "rotation", 12),
             forces=_view_vector(data.f, "linear", 6),
             frames=np.array(frames, dtype=np.intp),
             bodies=bodies,
@@ -194,10 +194,10 @@ def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Mode
         compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model used.
     """
     placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
-    screws = np.empty((len(q), *scratch.columns.shape))
+    screws = np.empty((len(q), *scratch.screws.shape))
     for k in range(len(q)):
         pin.updateFramePlacements(compute(k), scratch.data)
-        placements[k], screws[k] = scratch.placements, scratch.columns
+        placements[k], screws[k] = scratch.placements, scratch.screws
     robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
     placements = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
     return FrameStack(placements, screws, scratch.carried, q)

@@ -37,7 +37,7 @@ VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredMatrix:
     """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
@@ -126,7 +126,7 @@ def _panel_nodes(start: float, end: float) -> Array:
     return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
-def resolve_panels(measured: Measured) -> list[Panel]:
+def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
 
     The first panels lie between the knots of the `measured` matrix.
@@ -180,7 +180,7 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     return candidates
 
 
-def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
+def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel | None:
     """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series.
 
     Borders are tried from one column up to the number of small singular values. None if no border suffices,

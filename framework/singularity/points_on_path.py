@@ -29,7 +29,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     VANISHING_TOGETHER,
-    Measured,
+    MeasuredMatrix,
     Panel,
     Unresolved,
     find_candidates,
@@ -147,7 +147,7 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _measure_type_1(branch: Branch) -> Measured:
+def _measure_type_1(branch: Branch) -> MeasuredMatrix:
     """Continue the branch where its Type 1 matrix is singular; refuse Type 1 singularities.
 
     At a suspect, a candidate for a singular point or an s near which g is not resolved, the branch may still
@@ -161,7 +161,7 @@ def _measure_type_1(branch: Branch) -> Measured:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = Measured(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
@@ -190,7 +190,7 @@ def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
     return None
 
 
-def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
+def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded.
 
     Args:
@@ -218,7 +218,7 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     )
 
 
-def _most_singular_s(type1: Measured, s: float) -> float:
+def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
     """Find the s of the least singular value of the Type 1 matrix among points near s.
 
     The points are knots of the branch, and s rounded to three digits, as singular points are often at an s of
@@ -235,7 +235,7 @@ def _most_singular_s(type1: Measured, s: float) -> float:
     return float(candidates[np.argmin(least_values)])
 
 
-def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
+def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
     Each singular value of the passive matrix that vanishes at s belongs to one escaping motion. If two or
@@ -277,7 +277,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
         )
 
 
-def _is_type_1(type1: Measured, s: float) -> bool:
+def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
     The Type 1 matrix is also singular where only passive joints can move while the platform rests. Such a
@@ -295,7 +295,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
     return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
 
-def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
+def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
@@ -320,7 +320,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     )
 
 
-def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
+def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
     If several motions escape, the result is the least slope of their singular values, without sign.

@@ -19,7 +19,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,
-    Measured,
+    MeasuredMatrix,
     Panel,
     extremum_near,
     find_candidates,
@@ -59,7 +59,7 @@ class NearMiss(NamedTuple):
     size: int  # number of columns of the border: more than 1 if several singular values are small
 
 
-def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
+def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Contact]:
     """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
@@ -100,7 +100,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     return sorted(multiple, key=lambda contact: contact.s)
 
 
-def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
+def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses along the path, ascending in s.
 
     Args:
@@ -127,7 +127,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 
 
 def _miss_at_extremum(
-    measured: Measured, matrix: Array, known: list[Contact], level: float, start: float
+    measured: MeasuredMatrix, matrix: Array, known: list[Contact], level: float, start: float
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
@@ -153,7 +153,7 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(
-    measured: Measured, panel: Panel, known: list[Contact], level: float, s: float
+    measured: MeasuredMatrix, panel: Panel, known: list[Contact], level: float, s: float
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
@@ -199,7 +199,7 @@ class RootStretch(NamedTuple):
         return abs(s - self.s) <= self.reach
 
 
-def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
+def _contacts_beside(measured: MeasuredMatrix, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
     """Find the contacts at or beside an extremum of g with a border of `size` columns.
 
     If g is zero at the extremum within rounding, this is the contact. Otherwise the contacts are the roots of
@@ -225,7 +225,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
     return [Contact(root, "transversal") for root in roots], reach
 
 
-def _loses_rank(measured: Measured, s: float, size: int) -> bool:
+def _loses_rank(measured: MeasuredMatrix, s: float, size: int) -> bool:
     """Return whether the least singular value vanishes at a root s of det G.
 
     If several singular values are small (`size` > 1), det G is small even where none of them vanishes.
@@ -236,7 +236,7 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
+def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> Contact | None:
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish

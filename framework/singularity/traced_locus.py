@@ -321,7 +321,7 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
     slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
-    # (2, 2) matrix of y . F"(w, w); `eigh` reads one triangle, as it is symmetric up to the differences' error
+    # (2, 2) matrix of y . F"(w, w); symmetric up to the error of the differences
     form = left_null @ changes @ null_space.T
 
     tangents = _zero_directions(form) @ null_space
