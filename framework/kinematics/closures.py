@@ -62,6 +62,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     residual, wrench = loop_wrenches(rows, frames)
     at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6) about the base's origin
     powers = matmul(at_base, frames.screws.swapaxes(1, 2))  # (T, m, nv)
+    # 1 if the joint carries only the second body of the row, -1 if only the first, 0 if both or neither
     jacobian = powers * rows.joint_signs(frames.carried)
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])

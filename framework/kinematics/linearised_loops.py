@@ -43,11 +43,14 @@ class LinearisedLoops:
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at the configuration of index k (T = 1), or at several."""
+        """Return the equations at the configuration of index k (T = 1), or at several.
+
+        A selection of all is the object itself, which keeps the LU factors computed so far.
+        """
         all_indices = np.arange(len(self.residual))
         which = np.atleast_1d(all_indices[k])
         if np.array_equal(which, all_indices):
-            return self  # keeps the LU factors computed so far
+            return self
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),

@@ -326,7 +326,10 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its two joints as indices into the velocity vector and into q."""
+    """Return a coupling with its two joints as indices into the velocity vector and into q.
+
+    The two indices of a joint differ if a ball precedes it, as a ball has four entries of q and three rates.
+    """
     follower = model.joints[model.getJointId(coupling.joint)]
     leader = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(

@@ -187,7 +187,8 @@ class FramePlatform(_Coordinates):
     def drift(self, motions: FrameMotions) -> Array:
         """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w for couples C."""
         rate = np.empty((len(motions.twist), self.n))
-        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]  # accelerations of the frame's origin
+        # accelerations of the origin, the last of the four vectors of frame 0
+        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
             rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)  # (T, 3, 3) the axes as columns
             w, dw = motions.twist[:, 0, 3:], motions.twist_rate[:, 0, 3:]
@@ -214,7 +215,7 @@ class FramePlatform(_Coordinates):
         return v, dv
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute the transpose of E and its time derivatives, (3, T, n, n).
+        """Compute the transpose of E and its two time derivatives along a `motion` x, dx, ddx, (3, T, n, n).
 
         E is the identity except for rotation vectors. Their three unit rates at T instants are evaluated as a
         stack of 3 T instants; a complex step gives the second derivative.

@@ -144,7 +144,8 @@ class LocusEquations:
         linearised = linearised_at(robot, q, None)
         P = passive_matrix(robot, linearised)
         measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
-        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]
+        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
+        # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
         slopes = [
             independent_loops_matrix(robot, linearised),
             self._offset_slopes(linearised) * robot.column_scale,

@@ -124,6 +124,7 @@ def _trace_modes(
     minima = _find_minima(poses.g)  # (t, 2) indices i, j
     curves = list[MapCurve]()
     unexplained = np.ones(len(changes), dtype=bool)
+    # the mode of a sign change is that of its first pose, from which a curve would start
     change_modes = _working_modes(equations.robot, poses, changes[:, :2])
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
@@ -291,13 +292,14 @@ def _compare_branches(
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     neighbours = _neighbouring_poses(poses, x)
-    inside = np.flatnonzero(neighbours.reached[:, 0])
+    inside = np.flatnonzero(neighbours.reached[:, 0])  # points whose nearest pose is reached
     if not len(inside):
         return is_on, is_off
     neighbours = select(neighbours, inside)
     nearest_q = neighbours.q[:, 0]
     q = curve.q[inside]
     ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
+    # largest motions of a joint [rad, robot lengths], for each of the points inside
     with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)

@@ -266,7 +266,7 @@ class Extremum(NamedTuple):
         """
         roots = []
         for end in (self.start, self.end):
-            bracket = self._find_first_step(end, lambda g: g * self.g < 0)
+            bracket = self._find_first_step(end, lambda g: g * self.g < 0)  # to the opposite sign
             if bracket is None:
                 continue
             inner, outer = bracket

@@ -292,6 +292,7 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     # and serves as the measure of that rounding, with a margin of 1e2.
     if type2_value > max(RANK_LOST, 1e2 * type1_value):
         return True
+    # both are singular: poses of all other kinds make both so, but Type 2 leaves the Type 1 matrix regular
     return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
 

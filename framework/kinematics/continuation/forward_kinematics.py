@@ -76,7 +76,7 @@ def forward_kinematics(
     start = start_pose(robot, near)
     end = follow_curves(robot, start.curve, start.linearised, target[None])
     linearised = linearised_at(robot, end.q, None)
-    if end.share[0] < 1.0:
+    if end.share[0] < 1.0:  # the motors have not arrived
         raise curve_end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
 
@@ -107,7 +107,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
     Raises:
         InvalidInput: the configuration is not assembled.
     """
-    if isinstance(near, ForwardPose) and near.robot is robot:
+    if isinstance(near, ForwardPose) and near.robot is robot:  # assembled: it needs no check
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
     return _pose_at(robot, curves_at(robot, closed.linearised, closed.x), closed.linearised)

@@ -66,7 +66,10 @@ class _Steps(NamedTuple):
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
+    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n).
+
+    Their joint rates are zero, because the turns of the motors are not known here.
+    """
     frames = linearised.frames
     count = len(frames.q)
     clearances = clearance(robot, linearised)
@@ -148,19 +151,21 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
     Args:
         start: configuration (nq,) at s = 0.
-        turn: (T, nv) turns of the motors from s = 0 to 1.
+        turn: (T, nv) turns of the motors from s = 0 to 1 [rad, m].
         current: the T curves before the steps.
     """
+    # predict along the tangents, then close the loops
     share = current.share + step
-    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)
-    length = (share - current.share)[:, None]  # (T, 1)
-    predicted = integrate(robot, current.q, length * current.rate)
+    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)  # the last step ends at 1 to the last bit
+    all_lengths = (share - current.share)[:, None]  # (T, 1) in s
+    predicted = integrate(robot, current.q, all_lengths * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
 
-    rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
+    # from here on the S steps whose loops close
+    rows = np.flatnonzero(closing.closed)
     linearised = closing.linearised.select(rows)
     starts = select(current, rows)
-    length = length[rows]
+    length = all_lengths[rows]
     ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
         rate=rates_closing_loops(robot, linearised, turn[rows]),
@@ -170,11 +175,12 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
         largest=np.maximum(starts.largest, ends.clearance),
     )
 
+    # judge each step by its correction, the turn of its tangent, and the sign of det P
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
     # the tangent may turn only where P is far from losing rank, so that no other branch crosses
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign(  # of det P
+    on_branch &= keeps_sign(
         (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
     )
     return _Steps(rows, ends, measured.correction, on_branch)

@@ -188,6 +188,7 @@ class PoseSearch:
         # in the order of `_Iterate.room`: lower ends, upper ends, determinants
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
+        # a bound stops the search if no room is left; after convergence all bounds with a force do
         is_met = (iterate.room < rounding) | step.is_small(iterate)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]

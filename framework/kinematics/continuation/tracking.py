@@ -111,7 +111,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if distance == 0.0:
         return reference
     require_square(robot)
-    if distance < FILE_ROUNDING * robot.length:
+    if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
         closed = close_loops(robot, target[None], reference.q[None])
         steps = 1
     else:
