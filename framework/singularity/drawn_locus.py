@@ -79,7 +79,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     # a grid on the tangent plane
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length  # [m]
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)  # (m m, 2)
-    unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal, then two tangents
+    unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal of the surface, then two tangents
     shifts = _move_onto_locus(robot, q, x, grid @ unit_vectors[1:], normal=unit_vectors[0])
     if shifts is None:
         return None

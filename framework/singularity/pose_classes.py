@@ -224,7 +224,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist, _ = robot.platform.twist(closed.x, dx[None])
     rates = joint_rates(robot, closed.linearised, twist)[0]
-    size = np.linalg.norm(rates / robot.column_scale)
+    size = np.linalg.norm(rates / robot.column_scale)  # dimensionless
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     unit_rates = rates / size  # (nv,)
