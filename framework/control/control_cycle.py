@@ -365,7 +365,7 @@ class SinglePose:
             lever = np.where(self._is_rotation, second, lever)
             wrench[:, :3] = np.where(self._is_rotation, 0.0, force)
         wrench[:, 3:] = cross(lever, force)
-        np.matmul(wrench, scratch.columns.T, out=self.jacobian)
+        np.matmul(wrench, scratch.screws.T, out=self.jacobian)
         # 1 for joints that carry only the second frame, -1 for those that carry only the first, else 0
         self.jacobian *= self._signs
         if rows.has_couplings:
@@ -390,7 +390,7 @@ class SinglePose:
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
-        return FrameStack(self._placements[None], self.scratch.columns[None], self.scratch.carried, q[None])
+        return FrameStack(self._placements[None], self.scratch.screws[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
         """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""

@@ -380,12 +380,12 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     Wrenches [N, N m] are about the joint's origin, on the axes of the base; origins (T, joints, 3) [m].
     """
     scratch, count = scratch_of(robot), len(motion.q)
-    poses = np.empty((count, *scratch.joints.shape))  # of the joints: rotation (9 entries), origin
+    poses = np.empty((count, *scratch.joint_placements.shape))  # of the joints: rotation (9 entries), origin
     forces = np.empty((count, *scratch.forces.shape))  # in the joints, on their own axes
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(robot.model, scratch.data, q)
         pin.rnea(robot.model, scratch.data, q, v, a)
-        poses[k], forces[k] = scratch.joints, scratch.forces
+        poses[k], forces[k] = scratch.joint_placements, scratch.forces
     rotations = rotation_matrices(poses)[:, :, None]
     on_base_axes = matvec(rotations, forces.reshape(*forces.shape[:2], 2, 3))  # forces and moments apart
     return on_base_axes.reshape(forces.shape), poses[..., 9:]

@@ -75,6 +75,7 @@ def close_reference(mechanism: Mechanism) -> Closing:
     """
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
     others = np.setdiff1d(mechanism.joints, stated)
+    # if the file states all joints, all move at once
     closing = _close(mechanism, mechanism.q_near, others if len(others) else mechanism.joints)
     if closing.gap > CLOSED_LOOP and len(stated):
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
@@ -98,7 +99,8 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     A line search halves each step until the norm of the loop equations decreases. If the loops do not close,
     the result is the best iterate.
     """
-    q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
+    q = start
+    norm = float(np.linalg.norm(scaled_residual(mechanism, start)))  # [robot lengths, rad]
     iterations = 0
     while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
@@ -208,7 +210,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     none.
     """
     joints, scale = mechanism.joints, mechanism.column_scale
-    # (f, joints) motions that the loops allow
+    # (f, joints) null space of the loops: the motions that they allow
     allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
@@ -217,7 +219,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
-        motion = (allowed @ drawn) @ allowed  # (joints,)
+        motion = (allowed @ drawn) @ allowed  # (joints,) [rad, robot lengths]
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
 

@@ -81,7 +81,10 @@ class Attitude(ReadOnlyArrays):
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute E(x) u and its time derivative, (T, k) each, for derivatives dx, du of x, u."""
+        """Compute E(x) u and its time derivative, (T, k) each, for u (T, k), such as dx.
+
+        dx and du (T, k) are the time derivatives of x (T, k) and u.
+        """
         return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:
@@ -129,10 +132,12 @@ class DirectionChart(Attitude):
         """
 
     def couples(self, rotation: Array) -> Array:
+        """Compute the couples (T, k, 3) on base axes at attitudes (T, 3, 3)."""
         u = rotation[:, :, self.frame_axis]
         return self.direction_couples(u, np.zeros_like(u))[0]
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
+        """Compute the couples' time derivatives (T, k, 3); u moves at w x u."""
         u = rotation[:, :, self.frame_axis]
         return self.direction_couples(u, cross(w, u))[1]
 
@@ -241,26 +246,32 @@ class RotationVector(Attitude):
     rates_are_velocities = False
 
     def coordinates(self, rotation: Array) -> Array:
+        """Compute the rotation vectors (T, 3) [rad], components in the stated order."""
         return rotation_vector(rotation)[:, self.axes]
 
     def residual(self, rotation: Array, x: Array) -> Array:
+        """Compute the rotation vector (T, 3) [rad] of the turn from the attitude of x to R."""
         target = rotation_matrix(self._vector(x))
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r.
 
-        r and dr/dt are the arguments x and dx, with their components in the stated order, as u and du have.
-        w = u + a f + b s with f = r x u and s = r x f. For u = dr/dt, w is the angular velocity. The rates of
-        f and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
-        functions of |r|^2, whose rate is 2 r.dr.
+        The rotation vector r and its rate dr are the arguments x and dx. The left Jacobian E gives
+        w = u + a f + b s with f = r x u and s = r x f. Its coefficients a and b are functions of |r|^2, whose
+        rate is 2 r.dr. The rates of f and s are dr x u + r x du and dr x f + r x df. For u = dr, w is the
+        angular velocity.
+
+        Args:
+            x, dx, u, du: (T, 3) each, with components in the stated order of the axes.
         """
         r, dr, u, du = map(self._vector, (x, dx, u, du))
         f = cross(r, u)
         df = cross(dr, u) + cross(r, du)
         s = cross(r, f)
         ds = cross(dr, f) + cross(r, df)
-        (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
+        # values (T, 1) and slopes along |r|^2
+        (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]
         square_rate = 2.0 * dot(r, dr)[:, None]
         by_f = a_slope * square_rate * f + a * df  # the rate of a f
         by_s = b_slope * square_rate * s + b * ds  # the rate of b s

@@ -62,6 +62,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     residual, wrench = loop_wrenches(rows, frames)
     at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6) about the base's origin
     powers = matmul(at_base, frames.screws.swapaxes(1, 2))  # (T, m, nv)
+    # 1 if the joint carries only the second body of the row, -1 if only the first, 0 if both or neither
     jacobian = powers * rows.joint_signs(frames.carried)
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])
@@ -100,7 +101,7 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 
     Args:
         placements: axes and origins (..., F, 4, 3) of the frames.
-        changes: changes of these, of the same shape.
+        changes: changes of these (..., F, 4, 3); the leading dimensions of both are broadcast.
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
@@ -126,7 +127,7 @@ def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
-    """Select the two vectors a, b (..., m, 3) whose scalar product is each row, see `LoopRows`.
+    """Select the two vectors a, b (..., m, 3) of m rows; each row keeps a . b constant.
 
     The axis u belongs to the first frame of a row and the axis w to the second; d leads from the first origin
     to the second. a is u, or d in a row d . d. b is d, or w in a rotation row u . w. Both are linear in
@@ -168,14 +169,15 @@ def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the differences (T, d, 3) of the unit axes of d pairs that should be parallel, `directions`."""
-    first, second, axis, _ = directions
+    first, second, axis, _ = directions  # (d,) two frames, and the axis 0..2 that they share
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
 
 def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of the `direction_gaps` of d pairs along the joints."""
     first, second, axis, _ = directions
-    twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
+    # (T, nv, F, 6) of each frame by each joint: zero if the joint does not carry the frame
+    twists = frames.screws[:, :, None] * frames.carried.T[..., None]
     slopes = frame_velocities(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
     gap_slopes = slopes[:, :, second, axis] - slopes[:, :, first, axis]  # (T, nv, d, 3)
     return np.moveaxis(gap_slopes, 1, 3)
@@ -227,7 +229,7 @@ def loop_force_changes(
     # changes of the wrenches, which move with their frames
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
-    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
+    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])  # (T, k, nv)
 
     # changes of the screws: a joint moves with all joints that precede it
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # (T, k, nv, 6)

@@ -61,7 +61,10 @@ class ExternalWrenches:
 
     @staticmethod
     def of(wrenches: Mapping[str, Any] | None) -> ExternalWrenches:
-        """Return the wrenches of a mapping {frame: wrench}, see `FrameWrench.of`; none for None.
+        """Return the wrenches of a mapping {frame: wrench}; none for None.
+
+        A wrench is (force, moment) (6,), a table (K, 7) of rows (s, force, moment), or one of these with its
+        axes: {wrench: ..., axes: base or tool}.
 
         Raises:
             InvalidInput: a value is not a wrench.
@@ -82,6 +85,7 @@ class ExternalWrenches:
     @property
     def is_nonzero(self) -> bool:
         """Whether any wrench is not zero."""
+        # force and moment are the last six columns; in a table of wrenches s stands before them
         return any(np.any(entry.rows[..., -6:]) for entry in self.entries)
 
     @property

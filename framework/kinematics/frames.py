@@ -36,10 +36,10 @@ class Scratch(NamedTuple):
 
     data: pin.Data
     placements: Array  # (frames of the model, 12) the three axes of a frame, then its origin [m]
-    columns: Array  # (nv, 6) screws of the joints
+    screws: Array  # (nv, 6) of the joints: the twist that each unit rate gives to the carried bodies
     velocities: Array  # (bodies of the model, 6) twists
     accelerations: Array  # (bodies of the model, 6) time derivatives of these twists
-    joints: Array  # (bodies of the model, 12) placements of the joints, like `placements`
+    joint_placements: Array  # (bodies of the model, 12) of the joints, like `placements`
     forces: Array  # (bodies of the model, 6) wrenches through the joints, on their own axes, by RNEA
     frames: IntArray  # (F,) rows of `placements`: the frames `Mechanism.frames`
     bodies: IntArray  # (F,) rows of `velocities`: the bodies that carry these frames
@@ -59,10 +59,10 @@ class Scratch(NamedTuple):
         return Scratch(
             data=data,
             placements=_view_vector(data.oMf, "rotation", 12),
-            columns=data.J.reshape(6, -1).T,
+            screws=data.J.reshape(6, -1).T,
             velocities=_view_vector(data.ov, "linear", 6),
             accelerations=_view_vector(data.oa, "linear", 6),
-            joints=_view_vector(data.oMi, "rotation", 12),
+            joint_placements=_view_vector(data.oMi, "rotation", 12),
             forces=_view_vector(data.f, "linear", 6),
             frames=np.array(frames, dtype=np.intp),
             bodies=bodies,
@@ -147,9 +147,9 @@ class FrameStack(NamedTuple):
 
     def frame_jacobian(self, frame: int) -> Array:
         """Compute the Jacobian (T, 6, nv) of the frame of index `frame` at its origin, on base axes."""
-        twists = self.screws.copy()  # (T, nv, 6)
+        twists = self.screws.copy()  # (T, nv, 6) of the joints, still at the base's origin
         twists[..., :3] += cross(self.screws[..., 3:], self.position[:, frame, None])
-        twists *= self.carried[frame][:, None]
+        twists *= self.carried[frame][:, None]  # zero for joints that do not move the frame
         return twists.swapaxes(1, 2)
 
 
@@ -180,7 +180,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     model, scratch = mechanism.model, scratch_of(mechanism)
 
     def compute(k: int) -> pin.Model:
-        """Compute joints and screws at q[k]."""
+        """Compute joints and screws at q[k]; the model is the same for all k."""
         pin.computeJointJacobians(model, scratch.data, q[k])
         return model
 
@@ -194,16 +194,17 @@ def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Mode
         compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model used.
     """
     placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
-    screws = np.empty((len(q), *scratch.columns.shape))
+    screws = np.empty((len(q), *scratch.screws.shape))
     for k in range(len(q)):
         pin.updateFramePlacements(compute(k), scratch.data)
-        placements[k], screws[k] = scratch.placements, scratch.columns
-    own = placements.take(scratch.frames, axis=1)  # (T, F, 12)
-    return FrameStack(own.reshape(*own.shape[:2], 4, 3), screws, scratch.carried, q)
+        placements[k], screws[k] = scratch.placements, scratch.screws
+    robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
+    placements = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
+    return FrameStack(placements, screws, scratch.carried, q)
 
 
 def rotation_matrices(placements: Array) -> Array:
-    """Return the rotation matrices (..., 3, 3) of placements (..., 12) as in `Scratch`."""
+    """Return the rotation matrices (..., 3, 3) of placements (..., 12): three axes, then the origin."""
     axes = placements[..., :9].reshape(*placements.shape[:-1], 3, 3)  # one axis a row
     return axes.swapaxes(-1, -2)
 
@@ -250,7 +251,7 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
-    # of pinocchio's functions this one gives the twists of bodies at the base's origin
+    # of pinocchio's functions this one leaves the twists of bodies at the base's origin in its memory
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
         twists[0, k] = scratch.velocities
@@ -264,7 +265,7 @@ def bracket(a: Array, b: Array) -> Array:
     With a = (v, w) and b = (c, u), all (..., 3), it is (w x c + v x u, w x u).
     """
     parts = b.reshape(*b.shape[:-1], 2, 3)  # c and u
-    rates = cross(a[..., None, 3:], parts)  # w x c and w x u
+    rates = cross(a[..., None, 3:], parts)  # w x c and w x u, with one w for both
     rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])  # v x u
     return rates.reshape(*rates.shape[:-2], 6)
 
@@ -280,7 +281,10 @@ def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
-    """Move configurations q (..., nq) by tangent vectors `step` (..., nv), as pinocchio's `integrate`."""
+    """Move configurations q (..., nq) by tangent vectors `step` (..., nv) [rad, m], as pinocchio does.
+
+    On balls, whose quaternions are not vectors, a step is a rotation vector; elsewhere it is added.
+    """
     if not mechanism.has_balls:
         return q + step
     starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
@@ -318,7 +322,10 @@ def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
+    """Compute tangent vectors (..., nv) [rad, m] from start (..., nq) to q (..., nq).
+
+    It is the inverse of `integrate`, with rotation vectors on balls.
+    """
     if not mechanism.has_balls:
         return q - start
     starts, ends = np.broadcast_arrays(start, q)

@@ -132,9 +132,9 @@ def close_each(
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    given = q if x is None else np.concatenate([q, x], axis=1)
-    # indices of the instants that have not been dropped, at first those whose numbers are finite
-    live = np.flatnonzero(np.isfinite(given).all(axis=1))
+    inputs = q if x is None else np.concatenate([q, x], axis=1)
+    # indices of the instants that have not been dropped, at first those with finite inputs
+    live = np.flatnonzero(np.isfinite(inputs).all(axis=1))
     step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
@@ -186,7 +186,7 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        signs, _ = factors.slogdet
+        signs, _ = factors.slogdet  # 0 where the matrix is singular
         return residual, signs != 0  # the residual stands for steps that do not exist
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
@@ -227,7 +227,11 @@ class IdleTurns:
     weights: Array  # (k, nv) diagonal of G for each turn; zero for a turn at rest
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to `rates` (..., T, nv) for Z' G (rates + Z y) = `right` (T, k)."""
+        """Add turns Z y to `rates` (..., T, nv) so that Z' G (rates + Z y) = `right`.
+
+        Args:
+            right: (T, k); zero for rates, -(Z' G)' v for accelerations.
+        """
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]  # (..., T, k)
         return rates + np.matvec(self.motions, y)
@@ -263,20 +267,21 @@ def driven_turns(robot: ParallelRobot) -> IntArray:
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return the diagonal of G for each idle turn, (k, nv).
+    """Return the diagonal of G, damping or armature of balls, for each idle turn, (k, nv).
 
     It holds the damping of all balls if the turn moves a damped ball. Otherwise it holds their armature if
-    the turn moves a ball with armature, and zeros if not. The turn's motion is that at the reference.
+    the turn moves a ball with armature, and zeros if not. Which balls a turn moves is decided at the
+    reference.
     """
     weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
     if len(weights) and (damping.any() or armature.any()):
-        motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
-        for k, motion in enumerate(motions.T):
+        reference_motions = turn_motions(robot, linearised_at_reference(robot))  # (1, nv, k)
+        for k, motion in enumerate(reference_motions[0].T):
             if np.any(damping * motion):  # the turn moves a damped ball
                 weights[k] = damping
-            elif np.any(armature * motion):
+            elif np.any(armature * motion):  # no damping, but armature
                 weights[k] = armature
     return read_only(weights)
 

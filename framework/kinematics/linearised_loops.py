@@ -43,11 +43,14 @@ class LinearisedLoops:
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at the configuration of index k (T = 1), or at several."""
+        """Return the equations at the configuration of index k (T = 1), or at several.
+
+        A selection of all is the object itself, which keeps the LU factors computed so far.
+        """
         all_indices = np.arange(len(self.residual))
         which = np.atleast_1d(all_indices[k])
         if np.array_equal(which, all_indices):
-            return self  # keeps the LU factors computed so far
+            return self
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),
@@ -229,16 +232,20 @@ def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the dimensionless Jacobian (T, n + m, n + m) of the inverse kinematics.
 
-    The rows are those of the platform, then of the loops; the columns are the actuated, then the passive
-    joints. The matrix is singular at Type 1 singularities and where the loop equations lose rank.
+    The rows are those of the platform, then of the independent loops. The columns are the actuated, then the
+    passive joints, as in `robot.moving`. The matrix is singular at Type 1 singularities and where the loop
+    equations lose rank.
     """
     rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
-    """Return joint rates (..., nv) for dimensionless passive rates eta (..., n_p)."""
-    columns = robot.following
+    """Return joint rates (..., nv) for dimensionless passive rates eta (..., n_p), other joints at rest.
+
+    eta is in radians and robot lengths, the result in rad and m.
+    """
+    columns = robot.following  # the passive joints, without those that turn idly
     return full_motion(robot, columns, eta * robot.column_scale[columns])
 
 

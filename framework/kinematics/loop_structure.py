@@ -56,8 +56,8 @@ class LoopStructure(ReadOnlyArrays):
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
-            matrices: those of `motion_matrix`, (n + rows, nv) each, at the reference, then at nearby poses.
-                The n rows of the platform come first, then one row for each loop equation.
+            matrices: dimensionless Jacobians (n + rows, nv) at the reference, then at nearby poses. The n
+                rows of the platform come first, then one row for each loop equation.
         """
         at_reference = matrices[0]
         loops = at_reference[-len(mechanism.rows.names) :]  # without the rows of the platform
@@ -85,12 +85,13 @@ def refuse_singular_reference(
     Args:
         passive: columns of the velocity vector without a motor and without a spring.
         poses: configurations (nq,), the reference first.
-        matrices: those of `motion_matrix` at these poses, (n + rows, nv) each.
+        matrices: dimensionless Jacobians (n + rows, nv) of platform and loops at these poses.
     """
     reference, *others = matrices
     count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
     for nearby in others:
         rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        # transposed, so that each row belongs to a passive joint
         joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)  # indices into `passive`
         if len(rows) or len(joints):
             raise SingularReference(
@@ -113,7 +114,7 @@ def find_spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices:
 
     Args:
         independent: indices of the rows that are independent along the joints.
-        matrices: those of `motion_matrix` at several poses; their last rows are the loops.
+        matrices: dimensionless Jacobians (n + rows, nv) at several poses; their last rows are the loops.
     """
     if not mechanism.n_e:
         return ()

@@ -57,8 +57,8 @@ class Mechanism(ReadOnlyArrays):
     elastic_names: Names  # (n_e,) of the springs' own joints
     frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
     rows: LoopRows  # all loop equations, redundant ones included
-    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `loop_structure`
-    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
+    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: they are only measured
+    directions: LockedDirections  # pairs of axes that are all parallel only if no closure is flipped
     limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
     q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close
     length: float  # [m] size of the mechanism, by which lengths become dimensionless
@@ -252,7 +252,8 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
-    reference = file_axes(model).T @ _joint_vector(model, description.reference)  # (nv,)
+    # (nv,) on pinocchio's axes, which differ from those of the file on balls
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)
     q_near = pin.integrate(model, pin.neutral(model), reference)
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
@@ -325,7 +326,10 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its two joints as indices into the velocity vector and into q."""
+    """Return a coupling with its two joints as indices into the velocity vector and into q.
+
+    The two indices of a joint differ if a ball precedes it, as a ball has four entries of q and three rates.
+    """
     follower = model.joints[model.getJointId(coupling.joint)]
     leader = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(

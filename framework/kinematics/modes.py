@@ -36,7 +36,8 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
 def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute the signs of det P and log |det P|, (T,) each.
 
-    det P counts as 1 if P is not square, because of redundant motors, or empty, without passive joints.
+    det P counts as 1 if P is not square (redundant motors) or empty (no passive joints). In both cases the
+    equations have no `passive_part`.
     """
     if linearised.equations.passive_part is None:
         count = len(linearised.residual)
@@ -88,7 +89,7 @@ def _keeps_platform_map(robot: ParallelRobot, start: LinearisedLoops, end: Linea
     N_1, start_determinant = _platform_map(robot, start)
     N_2, end_determinant = _platform_map(robot, end)
     orientation = np.linalg.det(N_1.T @ N_2)
-    # positive if the determinant keeps its sign with N continued from the start
+    # the end's determinant on the basis continued from the start, positive if it keeps its sign
     continued = end_determinant * np.sign(start_determinant * orientation)
     return bool(continued > DETERMINANT_LOST * abs(start_determinant))
 
@@ -136,7 +137,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     for k in range(count):
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed_columns = np.flatnonzero(needs[k, label] & (label != k))
+        needed_columns = np.flatnonzero(needs[k, label] & (label != k))  # in other legs
         all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
     # motors are the first columns; legs without a motor come last
     return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
@@ -145,7 +146,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
 def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
     """Compute whether leg i needs leg j, directly or through others, (count, count).
 
-    A leg also needs itself.
+    A leg also needs itself, so that the powers of the matrix keep shorter chains.
 
     Args:
         count: number of legs.

@@ -63,13 +63,16 @@ class Motion:
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv) at platform velocities `platform` (..., T, n), idle turns at rest.
+    """Compute joint rates (..., T, nv) at velocities `platform` (..., T, n), idle turns at rest.
 
-    The rates of the deflections are `elastic` (T, n_e), or zero if None.
+    Args:
+        platform: velocities v of the platform [m/s, rad/s].
+        elastic: rates (..., T, n_e) of the deflections; zero if None.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
+    # J v = (platform, 0): zero rates of the loop equations keep the loops closed
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : robot.n] = platform
     return solve_rates(robot, linearised, right, elastic)
@@ -148,13 +151,14 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints at a twist of the platform.
+    """Compute the motion of all joints at a velocity of the platform.
 
-    Joint rates solve J dq = (v, 0). Accelerations solve J ddq = (dv/dt, 0) - J' dq, with the drift J' dq of
-    platform and loops. Idle turns, which these equations do not determine, are added to both.
+    With J = dF/dq, joint rates v solve J v = (velocity, 0). Accelerations a solve
+    J a = (velocity', 0) - J' v, with the drift J' v of platform and loops. Idle turns, which these equations
+    do not determine, are added to both.
 
     Args:
-        twist: the platform's velocity v and its time derivative dv/dt, (T, n) each.
+        twist: the platform's velocity and its time derivative, (T, n) each.
         dq_e, ddq_e: rates and accelerations (T, n_e) of the deflections; zero if None.
     """
     velocity, acceleration = twist
@@ -170,7 +174,8 @@ def _motion_of_twist(
     if turns is not None:
         jacobian_rate, _ = jacobian_rates(robot, linearised, v)
         rows_rate = turns.rows_rate(robot, linearised, jacobian_rate)
-        a = turns.add_turns(a, -matvec(rows_rate, v))  # Z' G a = -(Z' G)' v
+        # Z' G v = 0 at all times, so Z' G a = -(Z' G)' v; Z are the turns, G their damping or armature
+        a = turns.add_turns(a, -matvec(rows_rate, v))
     return Motion(linearised.frames.q, v, a, linearised)
 
 
@@ -261,23 +266,23 @@ def coordinate_changes(
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
     right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)  # a unit rate of such a joint opens the loops
-    dq = _solve_moving(robot, motion, right[0])  # Y
-    dq[:, range(n, k), columns] = 1.0
+    dq = _solve_moving(robot, motion, right[0])  # Y (T, k, nv)
+    dq[:, range(n, k), columns] = 1.0  # each of the joints `columns` moves at its own unit rate
 
     def rest_columns(change: Array) -> Array:
         """Add closed motions to a `change` (T, k, nv) of rates so that `columns` are at rest."""
         return change - change[..., columns] @ dq[:, n:]
 
     rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
-    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
+    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)  # (T, nv, n + m): transposed, as Y is
 
     # J Y' = E' - J' Y, and J Y" = E" - 2 J' Y' - J" Y
-    bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
-    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + bracket)
-    rate = dv - bracket  # Y'
-    da = _solve_moving(robot, motion, right[2] - 2.0 * rate @ dJ - dq @ ddJ)
-    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, rate)
-    return MotionChanges(dq, dv, rest_columns(da), 2.0 * dv - rest_columns(bracket))
+    lie_bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
+    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + lie_bracket)
+    dY = dv - lie_bracket  # Y'
+    da = _solve_moving(robot, motion, right[2] - 2.0 * dY @ dJ - dq @ ddJ)
+    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, dY)
+    return MotionChanges(q=dq, v=dv, a=rest_columns(da), a_by_rates=2.0 * dv - rest_columns(lie_bracket))
 
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
@@ -288,11 +293,11 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
-    bracket = np.zeros_like(motions)
+    lie_bracket = np.zeros_like(motions)
     balls = ball_columns(robot.model)  # (b, 3)
     if len(balls):
-        bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
-    return bracket
+        lie_bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
+    return lie_bracket
 
 
 def require_turns_at_rest(robot: ParallelRobot) -> None:

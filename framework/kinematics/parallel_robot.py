@@ -171,7 +171,7 @@ class ParallelRobot(Mechanism):
 
     @property
     def loop_lengths(self) -> Array:
-        """Characteristic size of the independent loop equations, (m,), see `row_lengths`."""
+        """Size of the independent loop equations, (m,): length of the robot [m], 1 for rotations."""
         return self.row_lengths[self.structure.independent]
 
     @cached_property

@@ -53,7 +53,7 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) [m] of one of pinocchio's frames at F configurations.
 
     Args:
-        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+        poses: (F, njoints, 7) of the joints: positions [m], then quaternions (x, y, z, w).
         frame: index of the frame in the model.
     """
     placed = robot.model.frames[frame]
@@ -65,7 +65,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
     """Compute all positions (m, 3) [m] of joints, platform and loop frames, which a view has to show.
 
     Args:
-        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+        poses: (F, njoints, 7) of the joints: positions [m], then quaternions (x, y, z, w).
     """
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     # the positions of all joints but joint 0, the world
@@ -78,8 +78,8 @@ def rotate_vector(quaternion: Array, vector: Array) -> Array:
     With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """
     a, w = quaternion[:, :3], quaternion[:, 3:]
-    normal = 2 * np.cross(a, vector)
-    return vector + w * normal + np.cross(a, normal)
+    doubled = 2 * np.cross(a, vector)  # 2 a x u
+    return vector + w * doubled + np.cross(a, doubled)
 
 
 def carried_points(pose: Array, points: Array) -> Array:

@@ -83,7 +83,7 @@ class FramePlatform(_Coordinates):
     """Translations of the origin of the mechanism's first frame along base axes, and its attitude."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
-    units: Array  # (n, 6) unit forces and couples along these axes
+    units: Array  # (n, 6) unit force (of a translation) or couple (of a turn) along each of these axes
     turning: IntArray  # indices into x of the turns, which the chart describes together
     attitude: Attitude  # chart of the turns
 
@@ -95,7 +95,7 @@ class FramePlatform(_Coordinates):
         """
         axes = np.array([AXES.index(name) for name in names])  # 0..2 translations, 3..5 turns
         translations = axes < 3
-        sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
+        sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)  # indices into x
         return FramePlatform(
             translations=translations,
             sliding=sliding,
@@ -103,7 +103,7 @@ class FramePlatform(_Coordinates):
             axes=axes,
             units=np.eye(6)[axes],
             turning=turning,
-            attitude=attitude_about(axes[turning] - 3),
+            attitude=attitude_about(axes[turning] - 3),  # base axes 0..2 of the turns
         )
 
     def choose_chart(self, rotations: Array) -> FramePlatform:
@@ -187,7 +187,8 @@ class FramePlatform(_Coordinates):
     def drift(self, motions: FrameMotions) -> Array:
         """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w for couples C."""
         rate = np.empty((len(motions.twist), self.n))
-        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]  # accelerations of the frame's origin
+        # accelerations of the origin, the last of the four vectors of frame 0
+        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
             rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)  # (T, 3, 3) the axes as columns
             w, dw = motions.twist[:, 0, 3:], motions.twist_rate[:, 0, 3:]
@@ -214,7 +215,7 @@ class FramePlatform(_Coordinates):
         return v, dv
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute the transpose of E and its time derivatives, (3, T, n, n).
+        """Compute the transpose of E and its two time derivatives along a `motion` x, dx, ddx, (3, T, n, n).
 
         E is the identity except for rotation vectors. Their three unit rates at T instants are evaluated as a
         stack of 3 T instants; a complex step gives the second derivative.

@@ -35,10 +35,10 @@ _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointM
 
 
 def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
-    """Build pinocchio's model of a URDF without shapes; modify the URDF.
+    """Build pinocchio's model of a URDF without shapes; modify `urdf`.
 
-    The third axis of a ball is turned towards the centre of mass of its child. The axes of the balls
-    `as_declared` are not turned.
+    In `urdf` joints of several freedoms become floating joints, the only such kind that the parser knows. The
+    third axis of a ball is turned towards the centre of mass of its child, except on the balls `as_declared`.
 
     Raises:
         ValueError, RuntimeError: from pinocchio's parser.
@@ -145,7 +145,7 @@ class Coordinates:
         return self.to_file_axes(np.asarray(from_neutral))
 
     def to_file_axes(self, v: Array) -> Array:
-        """Convert tangent vectors v (T, nv) to the axes of files, see `file_axes`."""
+        """Convert tangent vectors v (T, nv) to the axes of files, which differ from the model's on balls."""
         return v if self.model.nq == self.model.nv else v @ file_axes(self.model).T
 
 
@@ -213,7 +213,7 @@ class JointLimit(NamedTuple):
 
 
 def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
-    """Return the limits of all limited joints, in the order of the URDF."""
+    """Return the limits of all limited joints, in the order of the URDF; equal limits are none."""
     limits = []
     for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
@@ -248,6 +248,7 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         positions = q[:, limit.coordinate]
         least, largest = float(positions.min()), float(positions.max())
         excesses = []
+        # the farthest position beyond each limit, with the limit and the excess
         for position, bound, excess in (
             (least, limit.lower, limit.lower - least),
             (largest, limit.upper, largest - limit.upper),

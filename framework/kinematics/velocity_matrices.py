@@ -73,7 +73,8 @@ def matrices_and_derivatives(
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A, B, C and their derivatives along any parameter.
 
-    The derivative of L is that of `matrices_and_rates`, with the parameter in place of time.
+    M is dF/dq, and L annihilates its passive columns M_p: L M_p = 0. The derivative of L is the solution of
+    least norm of dL M_p = -L dM_p.
 
     Args:
         jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.
@@ -197,5 +198,5 @@ def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArr
     jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
     _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
     twists = closed.linearised.platform[0] @ steps.T  # (n, k)
-    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
-    return PoseSlopes(steps.T, dx, *slopes)
+    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # of v = E dx
+    return PoseSlopes(steps.T, dx, *slopes)  # the slopes are those of A, B and C

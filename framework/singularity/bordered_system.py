@@ -121,7 +121,7 @@ class Root(NamedTuple):
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the points (3,) of a central difference about p, clipped to [low, high].
 
-    The outer points are a share `DIFFERENCE_STEP` of the interval away from p.
+    All have the unit of p. The outer points are a share `DIFFERENCE_STEP` of the interval away from p.
     """
     half = DIFFERENCE_STEP * (high - low)
     return np.clip([p - half, p, p + half], low, high)
@@ -167,7 +167,7 @@ def root_of_g(
         points = stencil(p, low, high)
         local = differentiate_g(matrices(points), points, size)
         step = -local.g / local.slope if local.slope else np.inf
-        if not abs(step) < longest:
+        if not abs(step) < longest:  # also if the step is not finite
             break
         p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):

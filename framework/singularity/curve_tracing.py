@@ -57,8 +57,8 @@ class Evaluated(NamedTuple):
 
     values: Array  # F (S, k - 1), dimensionless: m loop equations, offsets of the fixed freedoms, then g
     slopes: Array  # dF/du (S, k - 1, k)
-    P: Array  # (S, m, m) passive columns of the loop equations, dimensionless
-    eta: Array  # (S, m) passive rates closest to an escaping motion, c' eta = 1
+    P: Array  # (S, m, m) passive columns of the loop equations, dimensionless; singular on the locus
+    eta: Array  # (S, m) passive rates closest to a motion that locked motors do not hold, c' eta = 1
 
     @property
     def passive_g_slopes(self) -> Array:
@@ -137,13 +137,15 @@ class LocusEquations:
         """Evaluate the equations and their derivatives at S configurations q (S, nq).
 
         Args:
-            border: (S, m, 1) of P; by default each configuration has the border of its own P.
+            border: b and c (S, m, 1) of the bordered system of P, whose scalar is g; by default each
+                configuration has the border of its own P.
         """
         robot = self.robot
         linearised = linearised_at(robot, q, None)
         P = passive_matrix(robot, linearised)
         measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
-        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]
+        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
+        # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
         slopes = [
             independent_loops_matrix(robot, linearised),
             self._offset_slopes(linearised) * robot.column_scale,
@@ -166,11 +168,14 @@ class LocusEquations:
         else:
             is_sliding = robot.translations
             offset = (robot.platform.coordinates(linearised.frames) - self.x) / robot.platform_scale
-        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])
+        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
         return offset[:, self.fixed]
 
     def _offset_slopes(self, linearised: LinearisedLoops) -> Array:
-        """Compute the derivatives (S, n - 2, nv) of the offsets by q, exact where the loops are closed."""
+        """Compute the derivatives (S, n - 2, nv) of the fixed offsets by q [1/rad, 1/m].
+
+        They are exact where the loops are closed.
+        """
         robot = self.robot
         if self.in_motors:
             slopes = np.diag(1.0 / robot.column_scale)[robot.actuated[self.fixed]]
@@ -193,13 +198,13 @@ class Points(NamedTuple):
     eta: Array  # (S, m) unit passive rates of the escaping motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
 
-    def reverse(self) -> Points:
+    def negate_tangents(self) -> Points:
         """Return the points in the same order with opposite tangents."""
         return self._replace(tangent=-self.tangent, determinant=-self.determinant)
 
-    def backwards(self) -> Points:
+    def reverse_order(self) -> Points:
         """Return the points of one curve in reverse order, with opposite tangents."""
-        return select(self.reverse(), slice(None, None, -1))
+        return select(self.negate_tangents(), slice(None, None, -1))
 
     def single(self, k: SupportsIndex) -> Points:
         """Return the k-th of the points, S = 1."""
@@ -224,8 +229,8 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
     for _ in range(MAX_ITERATIONS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
-        change = -np.matvec(inverse, evaluated.values)  # (S, k)
-        step_size = np.abs(change).max(axis=1)
+        change = -np.matvec(inverse, evaluated.values)  # (S, k) [rad, robot lengths]
+        step_size = np.abs(change).max(axis=1)  # (S,)
 
         # leave out configurations without a step
         is_finite = np.isfinite(step_size)
@@ -244,13 +249,13 @@ def trace_curve(
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
             first point outside.
-        longest: largest step [rad, robot lengths]; at most MAX_STEP in any case.
+        longest: largest step [rad, robot lengths]; a value above MAX_STEP counts as MAX_STEP.
     """
     forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
     if end == "closed":
         return Curve(forward, (end, end))
-    backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
-    other_half = select(backward.backwards(), slice(-1))  # the start is the first point of `forward`
+    backward, begin = _trace_from(equations, start.negate_tangents(), inside, min(longest, MAX_STEP))
+    other_half = select(backward.reverse_order(), slice(-1))  # the start is the first point of `forward`
     return Curve(join([other_half, forward]), (begin, end))
 
 
@@ -259,7 +264,7 @@ def _trace_from(
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at `TURN_SHARE` of the largest turn of the tangent.
+    Each step aims at a turn of the tangent by `TURN_SHARE` of MAX_TANGENT_TURN, and is halved if it fails.
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,).
@@ -285,6 +290,7 @@ def _trace_from(
         if not inside(ahead.q)[0]:
             return join(traced), "left"
 
+        # the turn of the tangent grows with the step: choose the next one for the turn aimed at
         change = ahead.tangent - point.tangent
         curvature = change / step
         turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
@@ -296,7 +302,7 @@ def _trace_from(
 def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
     """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
 
-    A chord passes through the point if it is close to the point.
+    A chord passes through the point if its distance from the point is below MAX_CURVE_OFFSET chord lengths.
     """
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
@@ -310,11 +316,14 @@ def passes_point(equations: LocusEquations, curve: Points, point: Points) -> boo
 def chord_offsets(offset: Array, chord: Array) -> Array:
     """Compute offsets (..., k) of points from the nearest points of their chords.
 
+    All vectors have the same unit, as does the result.
+
     Args:
         offset: vectors (..., k) from the starts of the chords to the points.
         chord: vectors (..., k) from the starts to the ends of the chords.
     """
     square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)  # chords may have length zero
+    # share of the chord at the foot of the perpendicular; beyond an end, the end is nearest
     share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
     return offset - share[..., None] * chord
 
@@ -322,14 +331,18 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
     """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
 
-    The predictor is quadratic, with the derivative `curvature` (1, k) of the tangent by arc length. Newton's
-    method corrects the prediction normal to the tangent. None if the corrector fails: its system is singular,
-    the corrections are long compared with the step, or the tangent turns too far.
+    The predictor is quadratic. Newton's method corrects the prediction normal to the tangent at `point`. None
+    if the corrector fails: its system is singular, the corrections are long compared with the step, or the
+    tangent turns too far.
+
+    Args:
+        curvature: derivative (1, k) of the unit tangent by arc length; zeros if unknown.
     """
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
     for _ in range(MAX_CORRECTIONS):
-        evaluated = equations.evaluate(q, point.border)
+        evaluated = equations.evaluate(q, point.border)  # one border, so that g is one smooth function
+        # solve dF/du change = -F and t' change = 0: the last equation keeps the change normal to the tangent
         values = np.append(evaluated.values, [[0.0]], axis=1)
         change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
         size = np.abs(change).max()
@@ -337,7 +350,7 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
         if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
             return None
         q = equations.move(q, change)
-        if size < NEWTON_STEP:  # converged
+        if size < NEWTON_STEP:  # converged: `evaluated`, before the last step, holds at q as well
             ahead = curve_points(q, evaluated, point)
             turn = np.linalg.norm(ahead.tangent - point.tangent)
             return ahead if turn < MAX_TANGENT_TURN else None
@@ -350,29 +363,32 @@ def _append_tangent(slopes: Array, tangent: Array) -> Array:
 
 
 def _turn_along(vectors: Array, directions: Array) -> Array:
-    """Negate vectors (S, k) that point against directions (S, k)."""
+    """Negate the vectors (S, k) that point against their directions (S, k)."""
     return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
 
 
 def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
-    """Return the points of curves at q (S, nq).
+    """Return the points of curves at S configurations q (S, nq) that solve F = 0.
+
+    The tangent is the null vector of dF/du. The escaping motion, which locked motors do not hold, is the null
+    vector eta of P, the passive columns of the loop equations.
 
     Args:
-        evaluated: the equations at q, or one converged Newton step away from q.
-        previous: points whose tangents and escaping motions decide the signs of the new ones; None if the
+        evaluated: F, dF/du, P and eta at q, or up to NEWTON_STEP away from q, where they are as good.
+        previous: S points whose tangents and escaping motions decide the signs of the new ones; None if the
             signs are arbitrary.
     """
     slopes = evaluated.slopes
-    tangent = np.linalg.svd(slopes).Vh[:, -1]  # (S, k) the null vectors
-    motion = evaluated.eta / np.linalg.norm(evaluated.eta, axis=1, keepdims=True)
-    if previous is not None:
+    tangent = np.linalg.svd(slopes).Vh[:, -1]  # (S, k) null vectors of dF/du
+    eta = evaluated.eta / np.linalg.norm(evaluated.eta, axis=1, keepdims=True)  # (S, m)
+    if previous is not None:  # null vectors have an arbitrary sign
         tangent = _turn_along(tangent, previous.tangent)
-        motion = _turn_along(motion, previous.eta)
+        eta = _turn_along(eta, previous.eta)
     return Points(
         q=q,
         tangent=tangent,
         determinant=np.linalg.det(_append_tangent(slopes, tangent)),
-        escape_slope=np.sum(evaluated.passive_g_slopes * motion, axis=1),
-        eta=motion,
+        escape_slope=np.sum(evaluated.passive_g_slopes * eta, axis=1),  # dg along the escaping motion
+        eta=eta,
         border=Border.of(evaluated.P),
     )

@@ -50,7 +50,8 @@ class LocusCurves(NamedTuple):
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
     """Trace the locus about a configuration q (nq,), x (n,) in its working mode.
 
-    None unless the platform has exactly two translations and g has a sign, see `has_signed_measure`.
+    None unless the platform has exactly two translations and g has a sign: some joints are passive, and no
+    motors are redundant.
     """
     translations = robot.platform.sliding.tolist()
     if len(translations) != 2 or not has_signed_measure(robot):
@@ -78,7 +79,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     # a grid on the tangent plane
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length  # [m]
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)  # (m m, 2)
-    unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal, then two tangents
+    unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal of the surface, then two tangents
     shifts = _move_onto_locus(robot, q, x, grid @ unit_vectors[1:], normal=unit_vectors[0])
     if shifts is None:
         return None
@@ -104,7 +105,7 @@ def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, no
         if not stack.closed.all():
             return None
         g, gradients = _measure_in_space(robot, stack.linearised)
-        step = g / (gradients @ normal)
+        step = g / (gradients @ normal)  # [m] Newton's step along the normal
         height -= step
         if not np.abs(height).max() < farthest:
             return None
@@ -115,6 +116,8 @@ def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, no
 
 def _measure_in_space(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute g (T,), each with the border of its own P, and its gradients (T, 3) [1/m] in space.
+
+    The gradient has the derivatives of g along the platform's three translations, other coordinates at rest.
 
     Raises:
         NotAssembled: the platform does not determine the joints.

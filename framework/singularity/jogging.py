@@ -50,11 +50,11 @@ CLASSES = {
     "closure": ("singularity of the loops", "they do not determine how their joints move"),
 }
 
-_TYPE_1 = {
+_TYPE_1_VERDICTS = {
     "near": "near Type 1: the leg of {joint} is nearly stretched or folded",
     "singular": "at Type 1: the leg of {joint} is stretched or folded",
 }
-_MOTORS_END = (
+_MOTORS_STOP = (
     "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
     "mode. Led by the platform, the robot goes across."
 )
@@ -67,7 +67,7 @@ class JoggedPose:
     q: Array  # (nq,)
     x: Array  # (n,) platform coordinates
     motors: Array  # (n_a,) joint side [rad, m]
-    g: float | None  # see `singularity_measure`; None if every joint has a motor
+    g: float | None  # signed measure, zero at Type 2; None if every joint has a motor
     smallest: float | None  # least singular value of P; None if every joint has a motor
     level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
@@ -103,7 +103,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     elif level != "regular":
         kind = "type_1"
-        verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+        verdict = _TYPE_1_VERDICTS[level].format(joint=weakest_leg(robot, linearised))
 
     has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
@@ -117,7 +117,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         level=level,
         kind=kind,
         verdict=verdict,
-        twist=twist / (twist_norm(robot, twist) or 1.0),  # zeros stay zeros
+        twist=twist / (twist_norm(robot, twist) or 1.0),  # a twist of zeros remains zero
         stopped=stopped,
     )
 
@@ -157,7 +157,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # the largest motion is t_s / divisor: either its shift or its turn has the largest value allowed
+    # the largest motion is t_s / divisor, whose shift or turn has the largest value allowed, and neither more
     divisor = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if divisor == 0 or np.linalg.matrix_rank(E) < robot.n:
@@ -239,7 +239,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
         return pose
 
     last_inside = describe_jogged_pose(robot, q)
-    inside, outside = 0.0, 1.0  # shares of the motion
+    inside, outside = 0.0, 1.0  # shares of the motion, within limits and beyond
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)
@@ -294,7 +294,8 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def stop_before(angle: float, sign: float) -> Array:
         """Compute q (nq,) just before a singularity, else at the start.
 
-        The motor stops at tenfold growing distances before the singularity until a pose can be computed.
+        The motor stops MOTOR_STOP_DISTANCE before the singularity. While no pose can be computed there, it
+        goes back by tenfold longer distances.
 
         Args:
             angle: size of the motor's turn to the singularity [rad, m].
@@ -318,7 +319,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         except Type2Singularity as end:
             pose = describe_jogged_pose(robot, stop_before(end.share * abs(angle), np.sign(angle)))
             name, _ = CLASSES.get(pose.kind, CLASSES["type_2"])
-            return replace(pose, stopped=_MOTORS_END.format(name=name))
+            return replace(pose, stopped=_MOTORS_STOP.format(name=name))
         except NotAssembled as end:
             return describe_jogged_pose(robot, end.q, str(end))
 

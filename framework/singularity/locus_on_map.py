@@ -31,7 +31,8 @@ MAX_MINIMA = 24  # number of minima of |g| from which curves start
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
-AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell (first) and its eight neighbours
+# index offsets (9, 2) of a cell (the first) and its eight neighbours
+NINE_CELLS = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])
 
 
 class MapPoses(NamedTuple):
@@ -123,6 +124,7 @@ def _trace_modes(
     minima = _find_minima(poses.g)  # (t, 2) indices i, j
     curves = list[MapCurve]()
     unexplained = np.ones(len(changes), dtype=bool)
+    # the mode of a sign change is that of its first pose, from which a curve would start
     change_modes = _working_modes(equations.robot, poses, changes[:, :2])
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
@@ -196,7 +198,8 @@ def _sign_changes(g: Array) -> IntArray:
     """
     changes_along_i = g[:-1] * g[1:] < 0  # (I - 1, J)
     changes_along_j = g[:, :-1] * g[:, 1:] < 0  # (I, J - 1)
-    first_i, first_j = np.argwhere(changes_along_i), np.argwhere(changes_along_j)  # poses before the changes
+    first_i = np.argwhere(changes_along_i)  # indices i, j of the poses with the lower i
+    first_j = np.argwhere(changes_along_j)  # and of those with the lower j
     first = np.vstack([first_i, first_j])
     second = np.vstack([first_i + np.array([1, 0]), first_j + np.array([0, 1])])
     return np.hstack([first, second])
@@ -256,7 +259,7 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
 
 
 class _Neighbours(NamedTuple):
-    """The map's poses about m points: the nearest pose and its eight neighbours, as in `AROUND`."""
+    """The map's poses about m points: the nearest pose and its eight neighbours, as in `NINE_CELLS`."""
 
     x: Array  # (m, 9, n)
     q: Array  # (m, 9, nq)
@@ -265,10 +268,10 @@ class _Neighbours(NamedTuple):
 
 def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
     """Return the map's poses about points x (m, 2)."""
-    nearest = np.round((x - poses.lower) / poses.cell).astype(int)
-    cells = nearest[:, None] + AROUND  # (m, 9, 2) indices of the nine poses
+    nearest = np.round((x - poses.lower) / poses.cell).astype(int)  # (m, 2) indices i, j
+    cells = nearest[:, None] + NINE_CELLS  # (m, 9, 2) indices of the nine poses
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
-    cells[~on_map] = 0  # any pose in place of those beyond the map
+    cells[~on_map] = 0  # a valid index for poses beyond the map, which do not count as `reached`
     i, j = np.moveaxis(cells, 2, 0)  # (m, 9) each
     return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
 
@@ -289,13 +292,14 @@ def _compare_branches(
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     neighbours = _neighbouring_poses(poses, x)
-    inside = np.flatnonzero(neighbours.reached[:, 0])
+    inside = np.flatnonzero(neighbours.reached[:, 0])  # points whose nearest pose is reached
     if not len(inside):
         return is_on, is_off
     neighbours = select(neighbours, inside)
     nearest_q = neighbours.q[:, 0]
     q = curve.q[inside]
     ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
+    # largest motions of a joint [rad, robot lengths], for each of the points inside
     with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)

@@ -37,7 +37,7 @@ VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredMatrix:
     """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
@@ -64,8 +64,8 @@ class Measured:
         """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
         return max(1, count_small_values(matrix, VANISHING_TOGETHER**self.power))
 
-    def guess(self, s: Array) -> LinearisedLoops:
-        """Linearise the loops at the branch's guesses for s (T,), closed or not."""
+    def linearise_guesses(self, s: Array) -> LinearisedLoops:
+        """Linearise the loops at the branch's guesses for s (T,), where the loops need not be closed."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
@@ -122,12 +122,14 @@ class Panel:
 
 
 def _panel_nodes(start: float, end: float) -> Array:
-    """Return the Chebyshev nodes (PANEL_NODES,) between two path coordinates."""
+    """Return the Chebyshev nodes (PANEL_NODES,) of a panel from `start` to `end`, all in s."""
     return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
-def resolve_panels(measured: Measured) -> list[Panel]:
+def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
+
+    The first panels lie between the knots of the `measured` matrix.
 
     Raises:
         Unresolved: g is not resolved on a panel of the least width.
@@ -157,13 +159,16 @@ class Candidate(NamedTuple):
 
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels."""
+    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels.
+
+    Minima count if |g| there is small compared with the largest |g| of the path.
+    """
     # |g| on a panel is at most the sum of |coefficients|, as Chebyshev |T_k| <= 1
     largest = max(float(np.abs(panel.series).sum()) for panel in resolved)
     level = CANDIDATE_DEPTH * MEASURE_TAIL * largest
     candidates = list[Candidate]()
     for panel in resolved:
-        # and at least the constant coefficient less all others
+        # |g| is at least the constant coefficient less all others: no candidate if this is large
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > level:
             continue
@@ -175,7 +180,7 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     return candidates
 
 
-def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
+def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel | None:
     """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series.
 
     Borders are tried from one column up to the number of small singular values. None if no border suffices,
@@ -207,7 +212,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
 
 
 def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below `level` times the largest, or times 1 if less."""
+    """Count the singular values of a matrix below `level` times the largest, or times 1 if that is less."""
     values = singular_values(matrix)  # descending
     return int(np.sum(values < level * min(values[0], 1.0)))
 
@@ -235,7 +240,7 @@ class Extremum(NamedTuple):
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def bracket(self, level: float) -> tuple[float, float]:
-        """Return the nearest s on each side of the extremum where |g| exceeds `level`.
+        """Return the nearest s below and above the extremum where |g| exceeds `level`.
 
         On a side without such an s, the end of the panel is returned.
         """
@@ -261,10 +266,11 @@ class Extremum(NamedTuple):
         """
         roots = []
         for end in (self.start, self.end):
-            bracket = self._find_first_step(end, lambda g: g * self.g < 0)
+            bracket = self._find_first_step(end, lambda g: g * self.g < 0)  # to the opposite sign
             if bracket is None:
                 continue
             inner, outer = bracket
+            # bisect until no number lies between the two
             while (middle := 0.5 * (inner + outer)) not in (inner, outer):
                 if self.evaluate(np.array([middle]))[0] * self.g > 0:  # the sign of the extremum
                     inner = middle
@@ -282,14 +288,14 @@ class Extremum(NamedTuple):
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
-        room = abs(end - self.s)
+        room = abs(end - self.s)  # in s
         doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
         distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):
             return None
-        last = passing[0]  # index of the step after which g passes
+        last = passing[0]  # index of the first step after which g passes
         return _Bracket(inner=float(s[last]), outer=float(s[last + 1]))
 
 
@@ -335,7 +341,7 @@ def extremum_near(
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
-        local = 2 * (s - start) / (end - start) - 1
+        local = 2 * (s - start) / (end - start) - 1  # of s, which is not in the middle beside a knot
         nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
         s = float(start + 0.5 * (end - start) * (nearest + 1))
         if rounding <= 10 * MEASURE_ROUNDING:  # no truncation error is left, with a margin

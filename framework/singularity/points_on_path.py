@@ -29,7 +29,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     VANISHING_TOGETHER,
-    Measured,
+    MeasuredMatrix,
     Panel,
     Unresolved,
     find_candidates,
@@ -107,7 +107,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
-        has_continuations = type2.branch is not branch
+        has_continuations = type2.branch is not branch  # `_measure_type_1` has added them
         if not has_continuations:  # the configurations at the nodes of the panels give better guesses
             edges = np.array([0.0, *(panel.end for panel in resolved)])
             q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
@@ -147,7 +147,7 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _measure_type_1(branch: Branch) -> Measured:
+def _measure_type_1(branch: Branch) -> MeasuredMatrix:
     """Continue the branch where its Type 1 matrix is singular; refuse Type 1 singularities.
 
     At a suspect, a candidate for a singular point or an s near which g is not resolved, the branch may still
@@ -161,7 +161,7 @@ def _measure_type_1(branch: Branch) -> Measured:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = Measured(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
@@ -190,7 +190,7 @@ def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
     return None
 
 
-def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
+def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded.
 
     Args:
@@ -208,7 +208,7 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     branch = type1.branch
     robot = branch.robot
     x = branch.path(s)
-    joint = weakest_leg(robot, type1.guess(np.array([s])))
+    joint = weakest_leg(robot, type1.linearise_guesses(np.array([s])))
     raise Type1Singularity(
         f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
         f"{joint} is stretched or folded there",
@@ -218,7 +218,7 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     )
 
 
-def _most_singular_s(type1: Measured, s: float) -> float:
+def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
     """Find the s of the least singular value of the Type 1 matrix among points near s.
 
     The points are knots of the branch, and s rounded to three digits, as singular points are often at an s of
@@ -230,11 +230,12 @@ def _most_singular_s(type1: Measured, s: float) -> float:
     close_knots = knots[np.abs(knots - s) < 10 * MIN_PANEL_WIDTH]
     neighbours = knots[max(k - 1, 0) : k + 1]
     candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
-    least_values = singular_values(type1.matrix(type1.guess(candidates)))[:, -1]
+    matrices = type1.matrix(type1.linearise_guesses(candidates))  # also where the loops do not close
+    least_values = singular_values(matrices)[:, -1]
     return float(candidates[np.argmin(least_values)])
 
 
-def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
+def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
     Each singular value of the passive matrix that vanishes at s belongs to one escaping motion. If two or
@@ -242,7 +243,7 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
     """
     branch = passive.branch
     s = unresolved.s
-    loops = passive.guess(np.array([s]))  # at an interpolated pose: the loops need not close there
+    loops = passive.linearise_guesses(np.array([s]))  # the loops need not close at s
     values = singular_values(passive.matrix(loops)[0])
     # with power 2 the matrix is P'P, whose singular values are squares
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
@@ -276,7 +277,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
         )
 
 
-def _is_type_1(type1: Measured, s: float) -> bool:
+def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
     The Type 1 matrix is also singular where only passive joints can move while the platform rests. Such a
@@ -287,13 +288,15 @@ def _is_type_1(type1: Measured, s: float) -> bool:
     _check_dropped_rows(branch, s, linearised)
     type1_value = singular_values(type1.matrix(linearised)[0])[-1]
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
-    # s is exact only to rounding, so both values are compared: only the Type 1 matrix is singular
+    # Type 1 if only its own matrix is singular. s is exact only to rounding, so its least value is not zero
+    # and serves as the measure of that rounding, with a margin of 1e2.
     if type2_value > max(RANK_LOST, 1e2 * type1_value):
         return True
+    # both are singular: poses of all other kinds make both so, but Type 2 leaves the Type 1 matrix regular
     return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
 
-def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
+def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
@@ -303,7 +306,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     path_twist = branch.robot.platform.path_twist(branch.path, s)
-    sign = sign_along(uncontrolled.twist, path_twist)
+    sign = sign_along(uncontrolled.twist, path_twist)  # turns the twist along the path
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
@@ -318,7 +321,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     )
 
 
-def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
+def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
     If several motions escape, the result is the least slope of their singular values, without sign.
@@ -335,7 +338,8 @@ def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: 
     local = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
         return local.slope
-    # The border of a singular matrix gives g an arbitrary sign. Beyond the root g gets the sign of det P.
+    # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil, beyond the
+    # root, det P has a sign, and g must have the same.
     sign = np.sign(local.g_above) * np.linalg.slogdet(P[-1]).sign
     return float(local.slope * sign)
 

@@ -69,8 +69,8 @@ NAMES = {
 class Classification(ReadOnlyArrays):
     """The kinds of singularity of a pose of a robot with c escaping motions, and its distances.
 
-    Torques per newton are those of `Distances`: the largest over unit forces along the platform's
-    translations, infinite if t_s moves the platform's point, NaN for a platform that only turns.
+    Torques per newton balance a force on the platform in the worst direction of its translations. They are
+    infinite if t_s moves the platform's point, and NaN for a platform that only turns.
     """
 
     kinds: Names  # of NAMES, in this order; empty for a regular pose
@@ -224,7 +224,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist, _ = robot.platform.twist(closed.x, dx[None])
     rates = joint_rates(robot, closed.linearised, twist)[0]
-    size = np.linalg.norm(rates / robot.column_scale)
+    size = np.linalg.norm(rates / robot.column_scale)  # dimensionless
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     unit_rates = rates / size  # (nv,)

@@ -19,7 +19,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,
-    Measured,
+    MeasuredMatrix,
     Panel,
     extremum_near,
     find_candidates,
@@ -59,14 +59,15 @@ class NearMiss(NamedTuple):
     size: int  # number of columns of the border: more than 1 if several singular values are small
 
 
-def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
+def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Contact]:
     """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
-    so they need not be refined again. Where several singular values vanish at once, the entries of G replace
-    g.
+    so they need not be refined again. Where several singular values vanish at once, g has a multiple root,
+    and the contact is located by the entries of the block G instead.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         resolved: the panels of g along the whole path.
     """
     multiple = list[Contact]()  # where several singular values vanish at once
@@ -94,18 +95,21 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
             # a root at the edge of two panels is found twice
             if _is_apart(root.place, single, SAME_PLACE) and _loses_rank(measured, root.place, size):
                 single.append(Contact(root.place, "transversal"))
+    # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
 
 
-def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
+def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses along the path, ascending in s.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         resolved: the panels of g along the whole path.
         known: the contacts.
     """
     least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
+    # no near miss above this share of the largest; with power 2 singular values are squares
     level = NEAR_MISS**measured.power * np.max(least_values)
     candidates = [
         _miss_at_end(measured, resolved[0], known, level, 0.0),
@@ -123,7 +127,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 
 
 def _miss_at_extremum(
-    measured: Measured, matrix: Array, known: list[Contact], level: float, start: float
+    measured: MeasuredMatrix, matrix: Array, known: list[Contact], level: float, start: float
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
@@ -131,6 +135,7 @@ def _miss_at_extremum(
     doubled.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         matrix: (n, n) at the start.
         known: the contacts of the path.
         level: least singular value at the start above which there is no near miss.
@@ -148,13 +153,14 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(
-    measured: Measured, panel: Panel, known: list[Contact], level: float, s: float
+    measured: MeasuredMatrix, panel: Panel, known: list[Contact], level: float, s: float
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
     The end is no near miss if a contact is closer than the distance over which g changes by its own value.
 
     Args:
+        measured: the matrix along the branch, whose loss of rank g measures.
         panel: the panel at this end.
         known: the contacts of the path.
         level: least singular value at the end above which there is no near miss.
@@ -163,9 +169,10 @@ def _miss_at_end(
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
-    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:
+    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
-    width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
+    # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
+    width = float(0.5 * panel.width * abs(value / slope))
     if not _is_apart(s, known, width):
         return None
     return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(matrix))
@@ -192,8 +199,11 @@ class RootStretch(NamedTuple):
         return abs(s - self.s) <= self.reach
 
 
-def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
+def _contacts_beside(measured: MeasuredMatrix, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
     """Find the contacts at or beside an extremum of g with a border of `size` columns.
+
+    If g is zero at the extremum within rounding, this is the contact. Otherwise the contacts are the roots of
+    g beside the extremum, at most two.
 
     Returns:
         The contacts; the reach of their `RootStretch`: the distance from the extremum, in s, up to which they
@@ -215,7 +225,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
     return [Contact(root, "transversal") for root in roots], reach
 
 
-def _loses_rank(measured: Measured, s: float, size: int) -> bool:
+def _loses_rank(measured: MeasuredMatrix, s: float, size: int) -> bool:
     """Return whether the least singular value vanishes at a root s of det G.
 
     If several singular values are small (`size` > 1), det G is small even where none of them vanishes.
@@ -226,11 +236,14 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
+def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> Contact | None:
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
-    The Gauss-Newton method minimises |G|, whose entries all vanish at the contact. If they vanish without a
-    slope, the contact is the extremum of `_product_with_end_blocks`. The border has `size` columns.
+    The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
+    at the contact. If they vanish without a slope, the contact is the extremum of `_product_with_end_blocks`.
+
+    Args:
+        size: number of columns of the border, which is the number of small singular values.
     """
     s = start
     for _ in range(MAX_ITERATIONS):
@@ -242,6 +255,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
         if abs(step) < NEWTON_STEP:
             break
 
+    # slopes of the singular values, relative to the curvature of G if this is large
     slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly

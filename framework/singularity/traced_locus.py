@@ -75,10 +75,12 @@ class LocusCurve(ReadOnlyArrays):
     q: Array  # (m, nq)
     x: Array  # (m, n)
     motors: Array  # (m, n_a) joint side, continuous over whole turns
-    modes: Array  # (m, legs) working mode: the sign of each leg, see `leg_signs`
+    modes: Array  # (m, legs) working mode: the sign of each leg's determinant, which changes at Type 1
     kind: str  # type_2; self_motion if the motors rest all along; joints_only if the platform rests all along
     closed: bool
-    ends: tuple[str, str]  # closed, left (the region), stalled or long, see `Curve`
+    # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
+    # rank); or long (too many points)
+    ends: tuple[str, str]
     cusps: tuple[LocusPoint, ...]
     branch_points: tuple[LocusPoint, ...]  # where another curve of the locus crosses
 
@@ -254,6 +256,7 @@ def root_between(
 
     Args:
         measure: computes the measure of a point (S = 1).
+        small: |measure| that counts as zero, in the unit of the measure.
     """
     from scipy.optimize import brentq
 
@@ -279,7 +282,8 @@ def root_between(
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
     """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
 
-    If no point between the two can be computed, the neighbour with the smaller determinant is returned.
+    The determinant is reduced to BRANCH_POINT_RATIO only, as the corrector loses digits closer by. If no
+    point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
 
     def measure(point: Points) -> float:
@@ -317,7 +321,8 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
     slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
-    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
+    # (2, 2) matrix of y . F"(w, w); symmetric up to the error of the differences
+    form = left_null @ changes @ null_space.T
 
     tangents = _zero_directions(form) @ null_space
     if not len(tangents):
@@ -350,7 +355,11 @@ class Region(NamedTuple):
     mode: Array | None  # (legs,) signs of the working mode; None for all modes
 
     def contains(self, q: Array) -> BoolArray:
-        """Return whether configurations (T, nq) are in the region, (T,)."""
+        """Return whether configurations (T, nq) are in the region, (T,).
+
+        The translations must be within `reach` of the centre: those of the motors if the motors are the
+        freedoms of the slice, else those of the platform. The working mode must be `mode`, if there is one.
+        """
         equations = self.equations
         robot = equations.robot
         x = robot.platform.coordinates(frames_at(robot, q))
@@ -362,7 +371,7 @@ class Region(NamedTuple):
             offset = (x - self.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
         turns = x[:, ~robot.translations]
-        if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi
+        if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi: stop a step earlier
             inside &= np.linalg.norm(turns, axis=1) < np.pi - MAX_STEP
         if self.mode is not None:
             inside &= self.least_determinants(q, self.mode) > -RANK_ROUNDING
@@ -383,7 +392,7 @@ class Region(NamedTuple):
         points = curve.points
         first_end, last_end = curve.ends
         if first_end == "left":
-            points = self._clip_end(points.backwards(), self.mode).backwards()
+            points = self._clip_end(points.reverse_order(), self.mode).reverse_order()
         if last_end == "left":
             points = self._clip_end(points, self.mode)
         return Curve(points, curve.ends)
@@ -393,14 +402,15 @@ class Region(NamedTuple):
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
-        margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge, to a tenth of it
+        at_edge = CUT_CLEARANCE_RATIO * last_inside  # least determinant of a leg at which the curve is cut
 
         def excess(point: Points) -> float:
             """Compute the excess of the least determinant of a leg over that at the edge."""
-            return float(self.least_determinants(point.q, mode)[0]) - margin
+            return float(self.least_determinants(point.q, mode)[0]) - at_edge
 
         inside = points.single(-2)
-        edge = root_between(self.equations, inside, points.single(-1), excess, small=0.1 * margin)
+        # a tenth is accurate enough, and keeps the edge inside the mode
+        edge = root_between(self.equations, inside, points.single(-1), excess, small=0.1 * at_edge)
         points = select(points, slice(None, -1))
         return points if edge is None else join([points, edge])
 
@@ -408,11 +418,12 @@ class Region(NamedTuple):
 def draw_in_mode(region: Region, count: int) -> Array:
     """Draw configurations (count, nq) of the region's working mode.
 
-    The platform moves from the region's centre to random targets in steps. A configuration stays where it is
-    in a step after which the loops do not close or the region is left.
+    The platform moves from the region's centre to random targets in steps. A configuration rests in a step
+    after which the loops do not close or the region is left.
     """
     equations = region.equations
     robot = equations.robot
+    # platform axes to move; if two motors are the freedoms, the platform may move along all of its axes
     axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
     spread = np.where(robot.translations[axes], region.reach, np.pi)
     displacement = np.zeros((count, robot.n))  # from the centre to the targets
@@ -421,7 +432,7 @@ def draw_in_mode(region: Region, count: int) -> Array:
     for k in range(1, WAY_STEPS + 1):
         x = region.x + k / WAY_STEPS * displacement
         next_q, _, closed = close_each(robot, x, q, farthest=MAX_NEWTON_STEP)
-        closed[closed] &= region.contains(next_q[closed])
+        closed[closed] &= region.contains(next_q[closed])  # from here on: closed and in the region
         q = np.where(closed[:, None], next_q, q)
     return q
 

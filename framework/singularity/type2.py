@@ -75,7 +75,8 @@ def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -
     `uncontrolled_motion`.
 
     Returns:
-        The twist (n,), see `twist_norm`; the joint rates (nv,).
+        The twist (n,), whose point has unit speed, or which turns at a unit rate if the point rests; the
+        joint rates (nv,) of this twist.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value
@@ -189,7 +190,7 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
-    eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values
+    eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values, with arbitrary signs
 
     # give eta signs that are continuous from one configuration to the next
     cosines = np.sum(eta[1:] * eta[:-1], axis=1)  # (T - 1,) between successive configurations

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import robots
 from framework import Line, SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.singularity.piecewise_measure import Measured, resolve_panels
+from framework.singularity.piecewise_measure import MeasuredMatrix, resolve_panels
 from framework.singularity.points_on_path import search_path
 from framework.singularity.rank_deficiency import find_contacts, find_near_misses
 
@@ -39,7 +39,7 @@ def measured(*entries, power=1):
         path=SimpleNamespace(knots=np.empty(0)),
         close=lambda s: SimpleNamespace(linearised=s),
     )
-    return Measured(branch, matrix, power)
+    return MeasuredMatrix(branch, matrix, power)
 
 
 def found(*entries, power=1):
@@ -154,7 +154,7 @@ def test_near_misses_of_two_values_are_no_contact(distance):
         left, right = matrices[:, :, :2], np.eye(SIZE)[:, :2]
         return matrices - left @ right.T[None] + left @ block @ right.T[None]
 
-    beside = Measured(matrix.branch, pair)
+    beside = MeasuredMatrix(matrix.branch, pair)
     assert find_contacts(beside, resolve_panels(beside)) == []
 
 

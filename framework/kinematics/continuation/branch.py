@@ -75,7 +75,7 @@ class Branch(ReadOnlyArrays):
     du: Array  # (K, nv) derivative with respect to s
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
     wrenches: ExternalWrenches = NO_WRENCHES
-    series: TimeFunction | None = None  # u as a function of s, for more accurate guesses, see `through`
+    series: TimeFunction | None = None  # u(s), for more accurate guesses than those of the cubics
 
     @property
     def knots(self) -> Array:
@@ -99,7 +99,7 @@ class Branch(ReadOnlyArrays):
 
         Args:
             edges: (panels + 1,) path coordinates of the panels' edges, from 0 to 1.
-            q: (panels * size, nq) configurations at the `size` nodes of each panel, see `TimeGrid`.
+            q: (panels * size, nq) configurations at the `size` Chebyshev nodes of each panel, panel by panel.
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
         series = grid.fit(difference(self.robot, self.origin, q))
@@ -133,9 +133,11 @@ class Branch(ReadOnlyArrays):
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         chord = self.u[k + 1] - self.u[k]
-        start, end = step * self.du[k], step * self.du[k + 1]  # derivatives with respect to t
-        quadratic, cubic = 3 * chord - 2 * start - end, start + end - 2 * chord  # coefficients of t^2, t^3
-        return self.u[k] + t * (start + t * (quadratic + t * cubic))
+        start_slope = step * self.du[k]  # du/dt at both knots
+        end_slope = step * self.du[k + 1]
+        quadratic = 3 * chord - 2 * start_slope - end_slope  # coefficient of t^2
+        cubic = start_slope + end_slope - 2 * chord  # coefficient of t^3
+        return self.u[k] + t * (start_slope + t * (quadratic + t * cubic))
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).
@@ -168,26 +170,27 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     """Return the branch with a continuation about s; None if the branch is not smooth at s.
 
     Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
-    is not accurate enough still gives the guesses for the next, narrower one.
+    is not accurate enough still gives the guesses for the next, narrower one. The result has only the last
+    one besides the continuations of `branch`.
     """
     piece = np.searchsorted(branch.path.knots, s, side="right")  # index of the smooth piece
     lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
-    continued = branch  # with the last continuation that was fitted
+    guesses = branch  # the branch with the continuation that was fitted last
     for half_width in HALF_WIDTHS:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
-        continuation = _fit_continuation(continued, s, start, end)
+        continuation = _fit_continuation(guesses, s, start, end)
         if continuation is None:
             continue
-        continued = replace(branch, continuations=(*branch.continuations, continuation))
+        guesses = replace(branch, continuations=(*branch.continuations, continuation))
         if continuation.error < CONTINUATION_ERROR:
-            return continued
+            return guesses
     return None
 
 
 def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
-    """Fit a continuation about s between start and end; None if too few nodes are sound.
+    """Fit a continuation about s between start and end, in s; None if too few nodes are sound.
 
-    A node is sound if Newton's method is trusted there, see `_trusted_offsets`. The series is fitted to the
+    A node is sound if Newton's method is trusted there, by `_trusted_offsets`. The series is fitted to the
     closed configurations at the sound nodes. The error is the largest of misfit, residual and truncation
     error.
     """

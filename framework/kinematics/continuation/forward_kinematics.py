@@ -76,7 +76,7 @@ def forward_kinematics(
     start = start_pose(robot, near)
     end = follow_curves(robot, start.curve, start.linearised, target[None])
     linearised = linearised_at(robot, end.q, None)
-    if end.share[0] < 1.0:
+    if end.share[0] < 1.0:  # the motors have not arrived
         raise curve_end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
 
@@ -107,7 +107,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
     Raises:
         InvalidInput: the configuration is not assembled.
     """
-    if isinstance(near, ForwardPose) and near.robot is robot:
+    if isinstance(near, ForwardPose) and near.robot is robot:  # assembled: it needs no check
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
     return _pose_at(robot, curves_at(robot, closed.linearised, closed.x), closed.linearised)
@@ -158,10 +158,10 @@ def curve_end_error(
 
 @dataclass(frozen=True, eq=False)
 class PoseStack(ReadOnlyArrays):
-    """Poses for T sets of motor angles, see `ForwardPose`; the rows in `refused` are NaN."""
+    """Poses for T sets of motor angles; the rows in `refused` are NaN."""
 
     q: Array  # (T, nq)
-    x: Array  # (T, n)
+    x: Array  # (T, n) platform coordinates, with whole turns since the start
     residual: Array  # (T,) largest residual of all loop equations [m or rad]
     clearance: Array  # (T,) least singular value of P on the curve (radians, robot lengths)
     refused: Mapping[int, NotAssembled]  # errors by row; a `Type2Singularity` says where it lies

@@ -66,7 +66,10 @@ class _Steps(NamedTuple):
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
+    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n).
+
+    Their joint rates are zero, because the turns of the motors are not known here.
+    """
     frames = linearised.frames
     count = len(frames.q)
     clearances = clearance(robot, linearised)
@@ -135,7 +138,7 @@ def _begin_curves(
 ) -> MotorCurves:
     """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)  # copies of the arrays of `start`
+    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
     curves.share[:] = 0.0
     curves.steps[:] = 0
     curves.least[:] = curves.clearance
@@ -148,19 +151,21 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
     Args:
         start: configuration (nq,) at s = 0.
-        turn: (T, nv) turns of the motors from s = 0 to 1.
+        turn: (T, nv) turns of the motors from s = 0 to 1 [rad, m].
         current: the T curves before the steps.
     """
+    # predict along the tangents, then close the loops
     share = current.share + step
-    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)
-    length = (share - current.share)[:, None]  # (T, 1)
-    predicted = integrate(robot, current.q, length * current.rate)
+    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)  # the last step ends at 1 to the last bit
+    all_lengths = (share - current.share)[:, None]  # (T, 1) in s
+    predicted = integrate(robot, current.q, all_lengths * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
 
-    rows = np.flatnonzero(closing.closed)  # the S steps whose loops close
+    # from here on the S steps whose loops close
+    rows = np.flatnonzero(closing.closed)
     linearised = closing.linearised.select(rows)
     starts = select(current, rows)
-    length = length[rows]
+    length = all_lengths[rows]
     ends = curves_at(robot, linearised, starts.x)
     ends = ends._replace(
         rate=rates_closing_loops(robot, linearised, turn[rows]),
@@ -170,10 +175,12 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
         largest=np.maximum(starts.largest, ends.clearance),
     )
 
+    # judge each step by its correction, the turn of its tangent, and the sign of det P
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
+    # the tangent may turn only where P is far from losing rank, so that no other branch crosses
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign(  # of det P
+    on_branch &= keeps_sign(
         (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
     )
     return _Steps(rows, ends, measured.correction, on_branch)
@@ -244,7 +251,7 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
         """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
 
-        They depend on the share s only by q.
+        The second argument, the share s, is not used: the equations depend on s only by q.
         """
         linearised = linearised_at(robot, q_on_curve, None)
         loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)

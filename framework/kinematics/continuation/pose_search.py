@@ -59,7 +59,7 @@ LEAST_DAMPING = 1e-2  # first damping after a step that does not lead nearer
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The nearest pose to a target in a local search, see `Configuration`."""
+    """The nearest pose to a target that a local search finds, with its distance."""
 
     distance: float  # from the target, in `unit`
     unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
@@ -156,10 +156,10 @@ class PoseSearch:
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
 
-            following = self._follow(iterate, step, target)
-            if following is not None and following.value < iterate.value:
-                iterate = following
-                damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
+            next_iterate = self._follow(iterate, step, target)
+            if next_iterate is not None and next_iterate.value < iterate.value:
+                iterate = next_iterate
+                damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0  # relax, at last to Newton's step
             else:  # refused, or no nearer to the target
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
@@ -188,6 +188,7 @@ class PoseSearch:
         # in the order of `_Iterate.room`: lower ends, upper ends, determinants
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
+        # a bound stops the search if no room is left; after convergence all bounds with a force do
         is_met = (iterate.room < rounding) | step.is_small(iterate)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]
@@ -250,18 +251,18 @@ class PoseSearch:
         if not is_small(corrected, advance)[0]:
             return None
 
-        following = self._evaluate(q, iterate.x, target, step.range_forces)
+        next_iterate = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
         least_room = np.minimum(iterate.determinant_room, -0.5 * LEAST_DETERMINANTS)
-        if (following.determinant_room < least_room).any():
+        if (next_iterate.determinant_room < least_room).any():
             return None
-        if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
+        if not keeps_working_mode(self.robot, iterate.loops, next_iterate.loops)[0]:
             return None
         if self._motors_hold:
-            start, end = map(passive_determinants, (iterate.loops, following.loops))
+            start, end = map(passive_determinants, (iterate.loops, next_iterate.loops))
             if not keeps_sign(start, end)[0]:
                 return None
-        return following
+        return next_iterate
 
     def _close(self, q: Array) -> Array | None:
         """Close the loops near q (nq,) by Newton steps of least norm; None without success.
@@ -318,39 +319,39 @@ class PoseSearch:
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, len(J) :]  # (f, n) the null space of J
         linearised = self._linearise_around(q, Z)
-        x, X, loops = self._slopes(linearised, near)  # (T, n), X = dx (T, n, f), dc (T, m, f)
+        x, dx, dc = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
         # the multipliers lambda (m,) that balance the gradient of the error in the least squares
-        multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ X[0] + range_forces))
-        gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
-        curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
+        multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ dx[0] + range_forces))
+        gradients = e @ dx - multipliers @ dc  # (1 + n, f) of the Lagrangian
+        curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP  # (n, n), without dx' dx
 
-        A = X[0] @ Z  # (n, n) derivatives of x along Z
-        room, room_slopes = self._bounds(q, X, loops, Z)
+        dx_along_Z = dx[0] @ Z  # (n, n)
+        room, room_slopes = self._bounds(q, dx, dc, Z)
         return _Iterate(
             q=q,
             x=x[0],
             value=float(0.5 * e @ e),
             basis=Z,
-            gradient=A.T @ e,
+            gradient=dx_along_Z.T @ e,
             # differences leave the curvature slightly asymmetric
-            hessian=_make_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
+            hessian=_make_definite(dx_along_Z.T @ dx_along_Z + 0.5 * (curvature + curvature.T)),
             room=room,
             room_slopes=room_slopes,
             loops=linearised.select(0),
         )
 
-    def _bounds(self, q: Array, X: Array, loops: Array, Z: Array) -> tuple[Array, Array]:
+    def _bounds(self, q: Array, dx: Array, dc: Array, Z: Array) -> tuple[Array, Array]:
         """Compute `room` (2 f + 2,) and `room_slopes` (2 f + 2, n) of an `_Iterate`.
 
-        Finite differences along Z give the slopes of the determinants.
+        Finite differences along Z (f, n) give the slopes of the determinants.
 
         Args:
-            X: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
-            loops: (T, m, f) derivatives of the loops at the same poses.
+            dx: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
+            dc: (T, m, f) derivatives of the loops at the same poses.
         """
-        determinants = self._determinants(X, loops, Z) / self._determinant_sizes
+        determinants = self._determinants(dx, dc, Z) / self._determinant_sizes
         determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # the sign depends on the basis Z
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
         room = np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS)
@@ -375,19 +376,19 @@ class PoseSearch:
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
         return x, dx, self._loop_slopes(linearised)
 
-    def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
+    def _determinants(self, dx: Array, dc: Array, Z: Array) -> Array:
         """Compute determinants (T, 2) of dx and of dq_a along the motions that the loops allow.
 
-        X (T, n, f) and `loops` (T, m, f) are the derivatives of x and of the loop equations. Bases of these
+        dx (T, n, f) and dc (T, m, f) are the derivatives of x and of the loop equations. Bases of these
         motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and keeps its sign
         where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not matter.
         """
-        Q, _ = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
-        bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
+        Q, _ = np.linalg.qr(dc.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
+        bases = Q[..., dc.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
         orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
         bases[..., 0] *= orientations[:, None]
-        values = np.ones((len(X), 2))
-        values[:, 0] = np.linalg.det(X @ bases)
+        values = np.ones((len(dx), 2))
+        values[:, 0] = np.linalg.det(dx @ bases)
         if self._motors_hold and self.robot.n_a == self.robot.n:
             values[:, 1] = np.linalg.det(bases[:, : self.robot.n])  # the motors are the first rows
         return values

@@ -162,7 +162,7 @@ class Curves:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
         A curve that has converged or become too long rests while the others go on. t (T,) is the length
-        along the curves so far, dt the next secant step.
+        along the curves so far, dt (T,) the next secant step, both in radians and robot lengths.
         """
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
@@ -174,6 +174,7 @@ class Curves:
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_ITERATIONS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it
+            # negated, so that a t that is not a number diverges
             diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
             rests = converged | diverges
             step[rests] = 0.0

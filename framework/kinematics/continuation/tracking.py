@@ -111,7 +111,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if distance == 0.0:
         return reference
     require_square(robot)
-    if distance < FILE_ROUNDING * robot.length:
+    if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
         closed = close_loops(robot, target[None], reference.q[None])
         steps = 1
     else:
@@ -257,7 +257,8 @@ def _with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: Linea
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
     """Return up to POSES_AT_ONCE path coordinates ahead of a pose (K = 1), `step` apart.
 
-    Only those are returned to which the tangent may be followed, see `MAX_PREDICTOR_MOVE`, but at least one.
+    Those beyond which the tangent would move a joint by more than MAX_PREDICTOR_MOVE are left out, except the
+    first.
     """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]  # of the fastest joint along s

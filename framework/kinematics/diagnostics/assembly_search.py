@@ -37,8 +37,8 @@ ENOUGH_POSES = 8  # number of closed poses of a group after which the search end
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
 # solver takes steps of least norm (lsmr), because there are more joints than independent equations.
-NEARLY: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
-CLOSELY: dict[str, Any] = {
+NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
+CLOSING: dict[str, Any] = {
     "max_nfev": 20,
     "tr_solver": "lsmr",
     "xtol": 1e-12,
@@ -82,7 +82,7 @@ class _Group:
 
     mechanism: Mechanism
     rows: LoopRows
-    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
+    directions: LockedDirections  # d pairs of axes that are all parallel only if no closure is flipped
     columns: IntArray  # (k,) columns of the joints
     lower: Array  # (k,) least offsets within the limits; infinite without limits
     upper: Array  # (k,) largest offsets within the limits
@@ -110,7 +110,7 @@ class _Group:
         """
         from scipy.optimize import least_squares
 
-        answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSELY)
+        answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSING)
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
@@ -121,12 +121,14 @@ class _Group:
         from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
+            """Compute the weighted gaps, then the offsets, (m + 3 d + k,)."""
             return np.concatenate([self.gap(u) / GAP_PER_RADIAN, u])
 
         def slope(u: Array) -> Array:
+            """Compute the derivative (m + 3 d + k, k) of this residual."""
             return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))])
 
-        answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY)
+        answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY_CLOSING)
         return np.asarray(answer.x)
 
     def configuration(self, u: Array) -> Array:

@@ -80,15 +80,15 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     """
     expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
-    motions = count_freedoms(robot)
-    axes = examine_platform_axes(robot, motions.working - len(motions.loose))
-    square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
-    working, assembly, least = _reference_modes(robot) if square else (0, 0, np.inf)
+    mobility = count_freedoms(robot)
+    axes = examine_platform_axes(robot, mobility.working - len(mobility.loose))
+    square = robot.n == mobility.working <= robot.n_a and not axes.stuck_here
+    working_sign, assembly_sign, least = _reference_modes(robot) if square else (0, 0, np.inf)
     bodies = moving_bodies(robot)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
-        *_advice_on_motions(robot, motions, axes),
+        *_advice_on_motions(robot, mobility, axes),
         *_advice_on_loops(robot, redundant),
         *remarks_on_bodies(robot),
         *_advice_on_reference(robot),
@@ -101,13 +101,13 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
         passive_joints=tuple(
-            name for name in map(robot.coordinates.name_of, robot.passive) if name not in motions.idle
+            name for name in map(robot.coordinates.name_of, robot.passive) if name not in mobility.idle
         ),
-        idle_joints=motions.idle,
-        loose_joints=motions.loose,
+        idle_joints=mobility.idle,
+        loose_joints=mobility.loose,
         springs=robot.spring_names,
-        mobility=motions.freedoms,
-        redundant_motors=max(robot.n_a - motions.working, 0),
+        mobility=mobility.freedoms,
+        redundant_motors=max(robot.n_a - mobility.working, 0),
         loop_equations=len(robot.rows.names),
         rank=len(robot.structure.independent),
         redundant_rows=redundant,
@@ -116,8 +116,8 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         closure_error=robot.reference.residual,
         reference=robot.reference_values(robot.reference.q),
         platform=tuple(robot.reference.x.tolist()),
-        working_mode=working,
-        assembly_mode=assembly,
+        working_mode=working_sign,
+        assembly_mode=assembly_sign,
         smallest_singular_value=least if least < np.inf else None,
         square=square,
         stuck_axes=axes.stuck,
@@ -131,10 +131,16 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
     """Return the robot at a closed pose, the gap at its reference, and remarks.
 
-    The gap [m or rad] is None if the loops close near the reference of the file.
+    The pose is the closed reference of the file. If the loops do not close near it, a search finds another
+    pose. If the pose is on a singularity of the loops, a regular pose beside it is taken.
+
+    Returns:
+        The robot; the residual [m or rad] near the file's reference, None if the loops close there; the
+        remarks on the pose.
 
     Raises:
-        NotAssembled, SingularReference: see `check_robot`.
+        NotAssembled: the loops do not close near the reference, and the search finds no other pose.
+        SingularReference: the loops are nearly singular both at the reference and beside it.
     """
     gap = None
     remarks = list[str]()
@@ -156,6 +162,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:
+        # a singular reference is one with nearby poses of higher rank, so one exists
         beside = replace(mechanism, q_near=nearby_configurations(mechanism, closing.q)[0])
         try:
             robot = ParallelRobot.of(beside)
@@ -177,9 +184,9 @@ def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
 
 
-def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> Iterator[str]:
+def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformAxes) -> Iterator[str]:
     """Yield advice on a robot's freedoms and its platform's axes."""
-    mobility = motions.working
+    freedoms = mobility.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
     if axes.stuck:
@@ -193,29 +200,29 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
             f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
             f"Type 1 singularity; give another reference"
         )
-    if robot.n != mobility:
+    if robot.n != freedoms:
         yield (
-            f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
-            f"platform's axes or the closures{_name_suspect_closures(robot, mobility)}"
+            f"{robot.n} platform axes for {freedoms} degrees of freedom: planning needs as many; change the "
+            f"platform's axes or the closures{_name_suspect_closures(robot, freedoms)}"
             f"{'' if axes.stuck else instead}"
         )
-    if robot.n_a < mobility:
+    if robot.n_a < freedoms:
         yield (
-            f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: nothing holds the rest; add actuators"
         )
-    if robot.n_a > mobility:
+    if robot.n_a > freedoms:
         yield (
-            f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
-    if motions.loose:
+    if mobility.loose:
         yield (
-            f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
+            f"{', '.join(mobility.loose)}: masses move there by themselves, without a motor and without the "
             f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
-    if motions.idle:
+    if mobility.idle:
         yield (
-            f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
+            f"{', '.join(mobility.idle)} may turn without moving any centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
@@ -250,12 +257,15 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
 
 
 def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
-    """Yield advice on a reference that differs from the stated one, or exceeds joint limits."""
-    offset = difference(robot, robot.q_near, robot.reference.q)
-    stated = velocity_columns(robot.model, robot.description.reference)
-    sizes = np.abs(offset / robot.column_scale)[stated]
+    """Yield advice on a closed reference that differs from the file's, or exceeds joint limits.
+
+    Only joints whose positions the file states are compared; the others are found by closing the loops.
+    """
+    offset = difference(robot, robot.q_near, robot.reference.q)  # (nv,) from the file's to the closed one
+    stated_columns = velocity_columns(robot.model, robot.description.reference)
+    sizes = np.abs(offset / robot.column_scale)[stated_columns]
     if sizes.max(initial=0.0) > MOVED_REFERENCE:
-        farthest = stated[sizes.argmax()]
+        farthest = stated_columns[sizes.argmax()]
         yield (
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
             f"{offset[farthest]:+.3g} {robot.unit_of(farthest)}"

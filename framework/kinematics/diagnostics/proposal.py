@@ -103,7 +103,7 @@ def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
 
 
 def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialRobot:
-    """Complete the description as `propose` does, without holding more joints.
+    """Complete the description with platform, motors and reference, without holding more joints.
 
     At a singular reference a pose beside it is taken. If nothing can be proposed at the file's pose, and this
     pose exceeds joint limits, a pose within the limits is tried.
@@ -159,9 +159,10 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
     holding = _choose_joints_to_hold(motions, idle, partial)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
+    remedies = f"{part}or {remedy}" if part else remedy
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(partial.description.motor_joints)} along "
-        f"{motions.freedoms} axes, and by them alone; {f'{part}or ' if part else ''}{remedy}"
+        f"{motions.freedoms} axes, and by them alone; {remedies}"
     )
 
 
@@ -321,9 +322,8 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
         why = "springs that no motor drives, taken as rigid; --motors chooses other motors"
         raise _UndrivenMotions(message, motions, to_hold, why)
-    if any(
-        np.abs(twists @ undriven).max() < FILE_ROUNDING for _, _, twists in _moved_frames(motions, partial)
-    ):
+    moved_frames = _moved_frames(motions, partial)
+    if any(np.abs(twists @ undriven).max() < FILE_ROUNDING for _, _, twists in moved_frames):  # one rests
         why = (
             "no motor drives them, and a body that all motors move rests when they turn; --motors chooses "
             "other motors"
