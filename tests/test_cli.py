@@ -27,18 +27,50 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("version", "robot", "robot_file", "parameters", "flexibility", "geometry", "duration", "request"),
-    *("law", "crossings", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
-    *("reason", "optimality", "seconds"),
+    "version",
+    "robot",
+    "robot_file",
+    "parameters",
+    "flexibility",
+    "geometry",
+    "duration",
+    "request",
+    "law",
+    "crossings",
+    "peak_torque",
+    "exceeded",
+    "neglected_friction",
+    "neglected",
+    "certificate",
+    "reason",
+    "optimality",
+    "seconds",
 ]
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
-    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded")
+    "s",
+    "time",
+    "speed",
+    "acceleration",
+    "kind",
+    "twist",
+    "platform",
+    "residual",
+    "condition",
+    "loaded",
 ]
 CERTIFICATE_KEYS = [
-    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "max_held_torque"),
-    *("end_speed", "monotone", "rounded_gap"),
+    "nodes",
+    "tail",
+    "passes",
+    "change",
+    "max_closure_error",
+    "max_residual_torque",
+    "max_held_torque",
+    "end_speed",
+    "monotone",
+    "rounded_gap",
 ]
 
 

@@ -23,17 +23,58 @@ VALUES = (
     *([], {}, [1], [[]], {"a": 1}),
 )
 TEXTS = (
-    *("", "x", "nan", "inf", "-1", "0", "1e300", "1e400", "0x1", "1_0"),
-    *("1 2", "0 0 0", "1 0 0 0", "é", "n" * 300),
+    "",
+    *["x", "nan", "inf", "-1", "0", "1e300", "1e400", "0x1", "1_0"],
+    "1 2",
+    "0 0 0",
+    "1 0 0 0",
+    "é",
+    "n" * 300,
 )
 SNIPPETS = ("", *'<>&":', "\x00", "\x1b", "]", "{", "\n  - ", "\t", "é", "&#10;", "-", "9" * 40)
 WORDS = (
-    *("", "-", "--", "-1", "0", "nan", "inf", "1e300", "1e-300", "1e400", "9" * 20, "x", "é", RED, "a\nb"),
-    *("n" * 300, "n" * 5000, "\udcff", "/dev/null", "/dev/zero", ".", "/", "rigid", "flexible_links"),
-    *("five_bar", "four_bar", "--json", "--help", "--scene", "A", "B", "C", "--from", "--to", "--duration"),
-    *("--times", "--speeds", "--raw", "--flexibility", "--geometry", "deformed", "--smoothness", "4"),
-    *("--samples", "12", "--law", "--optimize", "time", "--torque-limit", "0.2", "--axes", "rz"),
-    *("--platform", "--motors", "--reference", "left_motor=1"),
+    *(
+        "",
+        *["-", "--", "-1", "0", "nan", "inf", "1e300", "1e-300", "1e400"],
+        "9" * 20,
+        "x",
+        "é",
+        RED,
+        "a\nb",
+        "n" * 300,
+    ),
+    *(
+        "n" * 5000,
+        "\udcff",
+        *["/dev/null", "/dev/zero", ".", "/", "rigid", "flexible_links", "five_bar", "four_bar"],
+    ),
+    *[
+        "--json",
+        "--help",
+        "--scene",
+        "A",
+        "B",
+        "C",
+        "--from",
+        "--to",
+        "--duration",
+        "--times",
+        "--speeds",
+        "--raw",
+    ],
+    *[
+        "--flexibility",
+        "--geometry",
+        "deformed",
+        "--smoothness",
+        "4",
+        "--samples",
+        "12",
+        "--law",
+        "--optimize",
+        "time",
+    ],
+    *["--torque-limit", "0.2", "--axes", "rz", "--platform", "--motors", "--reference", "left_motor=1"],
 )
 
 
@@ -102,8 +143,16 @@ def _change(holder: Any, key: Any, content: Any, rng: random.Random) -> None:
 def _number(value: float, rng: random.Random) -> float:
     if abs(value) > 1e300:
         return rng.choice(NUMBERS)
-    near = (1.001 * value, 1.1 * value, -value, 2 * value)
-    near += (1e3 * value, 1e-3 * value, value + 0.01, value + 6.3)
+    near = (
+        1.001 * value,
+        1.1 * value,
+        -value,
+        2 * value,
+        1e3 * value,
+        1e-3 * value,
+        value + 0.01,
+        value + 6.3,
+    )
     return rng.choice(near if rng.random() < 0.8 else NUMBERS)
 
 

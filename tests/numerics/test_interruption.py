@@ -34,7 +34,14 @@ COMMANDS = {
     "plan": ["plan", "gough_stewart", "--scene", "turn", "--flexibility", "flexible_links"],
     "simulate": ["simulate", "five_bar", "--scene", "C", "--method", "fast", "--step", "2e-6"],
     "show": [
-        *("show", "gough_stewart", "--scene", "turn", "tilt", "--flexibility", "flexible_links", "--no-open")
+        "show",
+        "gough_stewart",
+        "--scene",
+        "turn",
+        "tilt",
+        "--flexibility",
+        "flexible_links",
+        "--no-open",
     ],
     "robustness": STUDY,
     "robustness with workers": [*STUDY, "--workers", "2"],

@@ -149,7 +149,7 @@ def simulate_robot(
     """Integrate any parallel robot from rest under motor torques t -> (n_a,) [N m], motor side.
 
     Of the robot only its tree, its index sets and the words of its file are taken. Every direction must
-    carry inertia.
+    carry inertia; see `tests.oracles.massless_simulation` for those that carry none.
 
     Returns:
         q (T, nq) and v (T, nv).
@@ -220,3 +220,49 @@ def point_rows(
         bias = [pin.getFrameClassicalAcceleration(model, data, f, FRAME_AXES) for f in ends]
         drift.append((bias[1].linear - bias[0].linear)[keep])
     return ClosureRows(np.vstack(jacobian), np.concatenate(drift))
+
+
+def forward_simulate(
+    model: pin.Model,
+    *,
+    closure_frames: Sequence[tuple[int, int]],
+    closure_rows: Sequence[Sequence[int]],
+    actuated: Sequence[int],
+    armature: ArrayLike,
+    torque: Callable[[float], np.ndarray],
+    q0: ArrayLike,
+    v0: ArrayLike,
+    times: ArrayLike,
+    rtol: float = 1e-13,
+    atol: float = 1e-15,
+    damping: ArrayLike = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`simulate_tree` for loops closed by points, written down by a robot's own test.
+
+    Args:
+        closure_frames: for each loop the two frame ids whose origins coincide.
+        closure_rows: for each loop the world axes kept among (0, 1, 2), e.g. (0, 1) for a planar
+            robot. Redundant rows make the system singular: the caller leaves them out.
+        actuated: columns of v that carry a motor, (n_a,).
+        torque: t [s] -> generalised forces on the actuated columns (n_a,) [N m or N], joint side
+            (motor torque times gear ratio).
+    """
+    columns = list(actuated)
+
+    def force(t: float, _: np.ndarray) -> np.ndarray:
+        load = np.zeros(model.nv)
+        load[columns] = torque(t)
+        return load
+
+    return simulate_tree(
+        model,
+        rows=lambda data: point_rows(model, data, closure_frames, closure_rows),
+        force=force,
+        armature=armature,
+        q0=q0,
+        v0=v0,
+        times=times,
+        rtol=rtol,
+        atol=atol,
+        damping=damping,
+    )

@@ -1,4 +1,4 @@
-"""The witness bears witness: it knows the motion of a top, and sees what is wrong."""
+"""The witnesses bear witness: they agree with each other, and see what is wrong."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,6 +8,7 @@ from framework import plan_scene
 from framework.kinematics.frames import frames_at
 from tests.oracles.closure_rows import ClosureRows
 from tests.oracles.forward_simulation import point_rows, simulate_robot, simulate_tree
+from tests.oracles.massless_simulation import massless_directions, simulate_massless
 
 SPIN = np.array([2.0, -3.0, 1.5])  # [rad/s]
 TOP = pin.Inertia(1.3, np.array([0.1, 0.05, 0.4]), np.diag([0.02, 0.03, 0.015]))
@@ -43,6 +44,17 @@ def test_a_free_body_held_at_a_point_moves_as_on_a_ball_joint():
     energy = [pin.computeMechanicalEnergy(ball, data, *state) for state in zip(held, spin, strict=True)]
     np.testing.assert_allclose(energy, energy[0], atol=1e-9)
     assert np.abs(spin[-1] - SPIN).max() > 1.0
+
+
+def test_both_witnesses_agree_where_all_motions_move_masses():
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "A")
+    q0, times = plan.dynamics.configuration(np.zeros(1))[0], np.linspace(0.0, plan.duration, 4)
+    assert massless_directions(robot, q0).shape == (4, 0)
+    options = {"q0": q0, "times": times, "rtol": 1e-10, "atol": 1e-12}
+    one = simulate_robot(robot, plan.torque, **options)[0]
+    two = simulate_massless(robot, plan.torque, **options)
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-10)
 
 
 def test_the_witness_sees_a_millionth_of_the_torque():

@@ -18,7 +18,6 @@ from framework.planning.scenes import scene_path
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
 RIGID = {name: robots.load(name) for name in robots.CATALOGUE}
 ELASTIC = [case for case in CASES if RIGID[case[0]].description.active_springs(case[1])]
-MASSLESS = {("five_bar", "flexible_links"), ("bricard", "flexible_links")}  # whose springs bear no mass
 SCENES = [(name, scene) for name, robot in RIGID.items() for scene in robot.description.scenes]
 
 

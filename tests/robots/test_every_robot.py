@@ -30,7 +30,6 @@ from tests.robots.back_on_path import BACK, misses
 from tests.robots.every_robot import (
     ELASTIC,
     KINDS,
-    MASSLESS,
     RIGID,
     SCENES,
     STAGED,
@@ -202,8 +201,6 @@ UNPREPARED = [case for case in SCENES if case not in LAWFUL]
 # Rods with mass hang between a drive's spring and their own: each spring on the way to the motor needs two
 # more derivatives of s to start from rest. With 4 the springs would be set ringing, by 1e-6 m at most.
 SMOOTHNESS = {"flexible_joints": 4, "flexible_links": 8}
-# Some springs of these move no mass: they come back in tests/simulation, and the 5R in tests/witness.
-WITH_MASS = [case for case in ELASTIC if case not in MASSLESS]
 
 
 @pytest.mark.parametrize("case", in_stages(LAWFUL, at_once=lambda case: case in FIRST and case[0] in KINDS))
@@ -215,7 +212,7 @@ def test_planned_torques_bring_a_rigid_robot_along_the_path(case):
     assert np.abs(off).max() < BACK  # measured: 7e-11 at most
 
 
-@pytest.mark.parametrize("case", in_stages(WITH_MASS, at_once=lambda case: False))
+@pytest.mark.parametrize("case", in_stages(ELASTIC, at_once=lambda case: False))
 def test_planned_torques_bring_an_elastic_robot_along_the_path(case):
     name, flexibility = case
     robot = robots.load(name, flexibility=flexibility)

@@ -18,7 +18,7 @@ from framework import (
 )
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.planning.scenes import scene_path
-from tests.oracles.forward_simulation import simulate_robot
+from tests.oracles.forward_simulation import forward_simulate
 
 TIMES = np.linspace(0.0, 1.5, 151)
 ON_THE_PATH = 1e-10  # [m] at every sample
@@ -26,7 +26,21 @@ ON_THE_PATH = 1e-10  # [m] at every sample
 
 def tracking_error(robot, torque, path, law) -> np.ndarray:
     """Distance [m] of the payload from its place on the path at TIMES, driven by `torque`."""
-    q, _ = simulate_robot(robot, torque, q0=assemble(robot, path(0.0)).q, times=TIMES)
+    model = robot.model
+    tips = tuple(model.getFrameId(name) for name in ("left_tip", "right_tip"))
+    armature = np.zeros(model.nv)
+    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    q, _ = forward_simulate(
+        model,
+        closure_frames=[tips],
+        closure_rows=[(0, 1)],
+        actuated=robot.actuated,
+        armature=armature,
+        torque=lambda t: robot.gear_ratio * torque(t),
+        q0=assemble(robot, path(0.0)).q,
+        v0=np.zeros(model.nv),
+        times=TIMES,
+    )
     crank, rod = q[:, 0], q[:, 0] + q[:, 1]  # left leg of the 5R: closed form, nothing of ours
     tip = np.column_stack([-0.2 + 0.25 * (np.cos(crank) + np.cos(rod)), 0.25 * (np.sin(crank) + np.sin(rod))])
     return np.linalg.norm(tip - path(law(TIMES)), axis=1)
