@@ -37,6 +37,7 @@ MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above,
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
 SETTLED_MISFIT = 1e-13  # |F| over the largest load
+ROUNDING_MISFIT = 1e-12  # below, a misfit that no step lowers is due to rounding on its cells
 MISFIT_OF_CELLS = 0.1  # above, a misfit that stalls is not due to the cells
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48  # of the splines of the deflections, on all panels together
@@ -215,8 +216,8 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         if stalls and state.misfit <= MISFIT_OF_CELLS:
             return GaussNewtonResult(state, True, linear)
         new = _take_damped_step(equations, state, step)
-        if new is None and are_fresh:  # new slopes cannot help
-            return GaussNewtonResult(state, False, linear)
+        if new is None and are_fresh:  # new slopes cannot help; a small misfit is rounding
+            return GaussNewtonResult(state, state.misfit <= ROUNDING_MISFIT, linear)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
