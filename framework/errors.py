@@ -362,7 +362,7 @@ class NotConverged(NoAnswer):
 
 
 class SpringsTooSoft(NotConverged):
-    """The forces of the undeformed robot deflect springs, even much stiffer ones, beyond `MAX_DEFLECTION`."""
+    """The forces of the undeformed robot deflect springs, or even stiffer ones, beyond `MAX_DEFLECTION`."""
 
 
 class LostWorkers(NoAnswer):

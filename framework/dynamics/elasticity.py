@@ -31,7 +31,7 @@ from framework.dynamics.elastic_pass import (
 )
 from framework.dynamics.forces import Forces
 from framework.dynamics.loaded_balance import balancing_forces
-from framework.errors import NoAnswer, NotConverged
+from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -84,8 +84,7 @@ def solve_deflections(
             to a finer grid.
 
     Raises:
-        NotConverged: the springs are too soft: the forces of the undeformed robot deflect them beyond the
-            range of a linear spring.
+        SpringsTooSoft: the forces of the undeformed robot deflect springs beyond the range of a linear one.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
@@ -171,7 +170,7 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
-    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`.
+    """Raise SpringsTooSoft if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`.
 
     Args:
         current: the pass with springs at rest, whose forces cause the deflections.
@@ -182,7 +181,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
     # the largest deflection; NaN counts as infinite
     instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
-    raise NotConverged(
+    raise SpringsTooSoft(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
         f"would deflect {robot.elastic_names[k]} by {abs(current.caused[instant, k]):.3g} {unit} at t = "
         f"{grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",

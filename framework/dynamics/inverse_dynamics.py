@@ -47,6 +47,7 @@ from framework.errors import (
     NoAnswer,
     NotAssembled,
     NotConverged,
+    SpringsTooSoft,
     UnboundedTorque,
     check_choice,
     expect_call,
@@ -153,14 +154,14 @@ def choose_failure(of_passes: NotConverged | UnboundedTorque, of_balance: NoAnsw
     """Choose the error to raise after two computations of the deflections have failed.
 
     Of two errors of convergence, the one with the smaller residual says more. Any other error of the passes,
-    such as a pole of the torques, is raised itself. So is an error of the passes if the second computation
-    failed for another reason than convergence.
+    such as a pole of the torques or springs that are too soft, is raised itself. So is an error of the passes
+    if the second computation failed for another reason than convergence.
 
     Args:
         of_passes: error of the fixed-point passes, the first computation.
         of_balance: error of solving for deflections in balance (`restoration`), the second one.
     """
-    if not (isinstance(of_passes, NotConverged) and isinstance(of_balance, NotConverged)):
+    if isinstance(of_passes, SpringsTooSoft | UnboundedTorque) or not isinstance(of_balance, NotConverged):
         return of_passes
     return min(of_passes, of_balance, key=lambda failure: failure.residual)
 

@@ -121,8 +121,9 @@ def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
     eps = FIRST_DEFLECTION / (np.abs(deflections).max() or 1.0)
     deflected = motion._replace(l=eps * deflections * units)
     balance = evaluate_balance(robot, deflected, rigid.motion.q, wrenches=branch.wrenches, stiffer=1.0 / eps)
-    g = _tangent_measure(branch, rigid, np.diag(stiffness)[None])
-    g_eps = _tangent_measure(branch, balance, eps * deflection_slopes(robot, balance, orders=1))
+    unit = stiffness.max()  # the measures are determinants, which would overflow
+    g = _tangent_measure(branch, rigid, np.diag(stiffness / unit)[None])
+    g_eps = _tangent_measure(branch, balance, eps / unit * deflection_slopes(robot, balance, orders=1))
     return Softening(g, (g_eps - g) / eps)
 
 

@@ -24,7 +24,7 @@ from framework.dynamics.balance_equations import (
 )
 from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
 from framework.dynamics.singularity_crossings import panel_edges
-from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
@@ -99,7 +99,7 @@ def solve_balance(
     first = equations.evaluate(splines, series, scalars)
     state = _refine(equations, first, MIN_GAIN * SETTLED_MISFIT)
     if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
-        state = _refine(equations, _soften(equations, first), MIN_GAIN * SETTLED_MISFIT)
+        state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * SETTLED_MISFIT)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
@@ -141,7 +141,7 @@ def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
     return result.state
 
 
-def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
+def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
     """Solve by continuation in the stiffness of the springs, down to the robot's own.
 
     The continuation begins with springs MAX_STIFFENING times as stiff. Each step divides this factor by
@@ -149,48 +149,67 @@ def _soften(equations: BalanceEquations, start: BalanceState) -> BalanceState:
 
     Args:
         start: a state with the splines and scalars to begin with; the deflections begin from zero.
+        misfit: |F| over the largest load that is left without continuation.
 
     Raises:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: the continuation stalls, or fails already for the stiffest springs.
     """
-    state = equations.evaluate(start.splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
+    stiffest = equations.evaluate(start.splines, 0.0 * start.series, start.scalars, stiffer=MAX_STIFFENING)
     # at zero deflections F is the spring forces that balance the load; F / stiffness estimates deflections
-    if np.abs(state.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
+    if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
             f"the undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
-            residual=state.misfit,
+            residual=stiffest.misfit,
         )
-    solved = None  # the solution of the softest springs so far
+    solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)  # of the softest springs so far
+    stiffer = MAX_STIFFENING
     softening = SOFTENING
-    while softening > MIN_SOFTENING:
-        check_time()
-        state = _refine(equations, state, MAX_UNRESOLVED_MISFIT)
-        if state.misfit <= MAX_UNRESOLVED_MISFIT:
-            solved = state
-        elif solved is None:
-            break
-        else:
+    if solved.misfit > MAX_UNRESOLVED_MISFIT:
+        raise _no_balance(equations, f"springs {stiffer:g} times as stiff do not either", np.inf)
+    while stiffer > 1.0 and softening > MIN_SOFTENING:
+        following = _solve_softer(equations, solved, max(stiffer / softening, 1.0))
+        if following is None:
             softening = np.sqrt(softening)
-        stiffer = solved.balance.stiffer
-        if stiffer == 1.0:  # the robot's own springs
-            return solved
-        # the next springs, or softer ones than solved by a smaller factor after a failure
-        softer = max(stiffer / softening, 1.0)
-        series = solved.series * (stiffer / softer)  # deflections are nearly proportional to compliance
-        state = equations.evaluate(solved.splines, series, solved.scalars, stiffer=softer)
-    name = equations.branch.robot.name
-    reason = (
-        f"{name}: no deflections found that hold the forces they cause, under the law tried or one near it"
+        else:
+            solved = following
+            stiffer = solved.balance.stiffer
+    if stiffer > 1.0:
+        raise _no_balance(equations, f"springs {stiffer:.2g} times as stiff do", misfit)
+    return solved
+
+
+def _solve_softer(equations: BalanceEquations, solved: BalanceState, stiffer: float) -> BalanceState | None:
+    """Solve for softer springs; None if the balance is not found, or the deflections tear the loops.
+
+    Args:
+        solved: the solution for stiffer springs.
+        stiffer: stiffness of the softer springs over those of the robot.
+    """
+    # deflections are nearly proportional to compliance
+    series = solved.series * (solved.balance.stiffer / stiffer)
+    try:
+        first = equations.evaluate(solved.splines, series, solved.scalars, stiffer=stiffer)
+    except NotAssembled:
+        return None
+    state = _refine(equations, first, MAX_UNRESOLVED_MISFIT)
+    return state if state.misfit <= MAX_UNRESOLVED_MISFIT else None
+
+
+def _no_balance(equations: BalanceEquations, which_springs: str, residual: float) -> NotConverged:
+    """Return the error that no deflections in balance are found.
+
+    Args:
+        which_springs: clause that says with which springs they are found.
+        residual: |F| over the largest load, of the robot's own springs.
+    """
+    return NotConverged(
+        f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
+        f"tried or one near it; {which_springs}; use stiffer springs, geometry rigid, or another law",
+        residual=residual,
     )
-    if solved is None:
-        raise NotConverged(
-            f"{reason}; springs {MAX_STIFFENING:g} times as stiff do not either", residual=np.inf
-        )
-    stiffer = solved.balance.stiffer
-    raise NotConverged(f"{reason}; springs {stiffer:.2g} times as stiff do", residual=start.misfit)
 
 
 def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewtonResult:

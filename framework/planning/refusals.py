@@ -65,7 +65,7 @@ The optimal law:
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
-    NoLaw: the springs give way at an end, at rest, or along the path under any law
+    NoLaw: the springs give way at an end, at rest, or, to first order, along the path
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
         planning.optimal.optimal_motion.optimal_motion
@@ -92,7 +92,8 @@ The motion, under either law or one of the user's own:
         dynamics.restoration.solve_balance
         planning.optimal.elastic_balance.find_law_in_balance
         planning.polynomial.plan_polynomial
-    SpringsTooSoft: even much stiffer springs would deflect beyond the range of the model
+    SpringsTooSoft: the springs, or even stiffer ones, would deflect beyond the range of the model
+        dynamics.elasticity.solve_deflections
         dynamics.restoration.solve_balance
     NotConverged: springs tear the loops open
         dynamics.inverse_dynamics.resolve
@@ -162,7 +163,7 @@ class StaticFold(NamedTuple):
 
 
 class LeastSoftening(NamedTuple):
-    """How far loads soften an elastic robot at s at least, under any law found.
+    """How far loads soften an elastic robot at s, under the law found that softens it least.
 
     rho: share of its singularity measure that the robot loses, to first order in the compliance.
     """

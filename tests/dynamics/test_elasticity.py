@@ -64,6 +64,6 @@ def hurried(duration: float) -> str:
 
 
 def test_too_soft_is_said_only_with_the_deflection_that_proves_it():
-    angle = float(re.search(r"too soft .* would deflect left_drive by (\S+) rad", hurried(0.01)).group(1))
+    angle = float(re.search(r"too soft .* would deflect left_drive by (\S+) rad", hurried(0.02)).group(1))
     assert angle > 1.0  # beyond what a linear spring means
     assert "too soft" not in hurried(0.05)

@@ -1,9 +1,11 @@
-"""The law that softens an elastic robot least: whether any law can cross with deflections in balance.
+"""The law that softens an elastic robot least, to first order in the compliance of its springs.
+
+It estimates whether a law can cross with deflections in balance; it proves nothing.
 
 Beside a crossing, the force x along the null vector satisfies eps a x^2 + b s x + alpha = 0 with the
 compliance eps of the springs, the measure g = b s of the robot and the load alpha that it cannot hold. There
 are two solutions if 4 eps a alpha < (b s)^2, and none beyond this fold. At the fold, the measure g + eps h of
-the loaded robot has fallen to half of g. So deflections in balance need
+the loaded robot has fallen to half of g. So, to first order, deflections in balance need
 
     rho = -eps h / g <= 1/2        everywhere along the path.
 
@@ -19,6 +21,7 @@ from scipy.sparse import csr_array, diags_array
 
 from framework.dynamics.loaded_balance import DeflectedMotion
 from framework.dynamics.loaded_measure import Softening, measure_softening
+from framework.errors import NotAssembled
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
@@ -34,7 +37,7 @@ MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the so
 
 
 def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening | None:
-    """Find the least rho of all laws that meet condition (8), to first order; None if the solver fails.
+    """Find the least rho of the series z that meet condition (8), to first order; None if none is found.
 
     Args:
         problem: an elastic robot's problem with z as one series.
@@ -42,7 +45,10 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
     unit = duration**-2  # of y
-    softening = _softening_rows(problem.task, program)
+    try:
+        softening = _softening_rows(problem.task, program)
+    except (NotAssembled, np.linalg.LinAlgError):  # the deflections tear the loops; a point is singular
+        return None
     slopes = unit * softening.matrix  # (M, n) of the softening at each point by y in its unit
     largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
     # the unknown rho is at least the softening at each point, and is minimised

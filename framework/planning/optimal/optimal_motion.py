@@ -285,8 +285,8 @@ class _ElasticSearch:
     def _find_law(self) -> Best:
         """Find the law of this stage by a search that resumes from the last law.
 
-        If there is no law that is one series, there is none under the lower caps of later stages either.
-        Then the first stage of splines follows.
+        If no law that is one series is found, the stages with lower caps of the speed are left out: the first
+        stage of splines follows.
         """
         stage = self.stages[self.stage]
         is_first_series = self.response is None and stage.degree is not None  # without linear torques
@@ -325,7 +325,8 @@ class _ElasticSearch:
         """
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
-        if self.first_failure is None and self.task.follows_balance:
+        is_of_springs = self.task.follows_balance and not isinstance(failure, NoLaw)
+        if self.first_failure is None and is_of_springs:
             self._check_ends()
             self._check_softening()
         if self.first_failure is None:
@@ -333,7 +334,7 @@ class _ElasticSearch:
         self.balance = self.response = self.speed_places = None
         self.stage += 1
         if self.stage == len(self.stages):
-            raise self.first_failure
+            raise self.first_failure from None
 
     def _check_ends(self) -> None:
         """Raise NoLaw if the robot at rest has no equilibrium at an end of the path.
@@ -364,7 +365,8 @@ class _ElasticSearch:
             raise NoLaw(
                 f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
-                f"singular there (above {MAX_SOFTENING:g} no deflections are in balance)",
+                f"singular there (above {MAX_SOFTENING:g} no deflections are in balance); use stiffer "
+                f"springs or geometry rigid",
                 evidence=least,
             )
 
