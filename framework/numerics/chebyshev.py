@@ -10,7 +10,6 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -237,26 +236,3 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
     second = values @ (derivative @ derivative)
     values.setflags(write=False)  # no copy: in another memory order its products differ in the last bit
     return values, read_only(first), read_only(second)
-
-
-def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
-    """Compute the largest |value| (k,) of each component of a function of time.
-
-    Peaks are at panel edges or at extrema of the series. As |T_j| <= 1, the sum of absolute coefficients
-    bounds a series. Extrema are computed only on panels where this bound is above the largest value at nodes.
-
-    Args:
-        function: returns values (T, k) at t (T,) [s].
-        edges: ends of the panels (panels + 1,) [s].
-        size: number of coefficients of the function's series on each panel.
-    """
-    grid = TimeGrid(edges, size)
-    values = function(grid.times)
-    peaks = np.abs(values).max(axis=0)
-    series = grid.fit(values).coefficients  # (panels, size, k)
-    bounds = np.abs(series).sum(axis=1)  # (panels, k)
-    for panel, component in np.argwhere(bounds > peaks):
-        one_series = series[panel, :, component]
-        extreme_values = np.abs(evaluate(extrema(one_series), one_series))
-        peaks[component] = extreme_values.max(initial=peaks[component])
-    return peaks
