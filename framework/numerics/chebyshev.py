@@ -20,6 +20,8 @@ from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
+MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
+MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
@@ -68,9 +70,11 @@ def tail(series: Array) -> float:
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    The values are products with T_k(x) = cos(k arccos x). For the few points of a plan this is faster than
-    Clenshaw's recurrence, which takes `size` steps in Python.
+    At few points, or for many series, a product with all T_k(x) = cos(k arccos x) is faster than Clenshaw's
+    recurrence, which takes `size` steps in Python. At many points the recurrence needs less memory, too.
     """
+    if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
+        return np.asarray(chebyshev.chebval(x, series).T)
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
     return polynomials @ series
 

@@ -1,6 +1,8 @@
 """Functions of time as Chebyshev series, against numpy, mpmath and closed forms."""
 
 import mpmath as mp
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
@@ -65,6 +67,16 @@ def test_shapes_follow_the_times():
     assert function(np.array([START])).shape == (1, 1)
     assert function(np.full((2, 3), END)).shape == (2, 3, 1)
     assert function(np.empty(0)).shape == (0, 1)
+
+
+def test_many_instants_take_little_memory_and_agree_with_few():
+    function, times = fitted(waves, size=128), np.linspace(START, END, 100_001)
+    tracemalloc.start()
+    values = function(times)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 16 * values.nbytes  # fewer numbers for each instant than coefficients
+    np.testing.assert_allclose(values[::1000], function(times[::1000]), rtol=128 * EPS)
 
 
 @pytest.mark.parametrize("t", [START - 1e-6, END + 1e-6, np.nan, np.inf, [0.5, 2.0]])
