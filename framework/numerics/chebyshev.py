@@ -91,6 +91,8 @@ def real_roots(series: Array) -> Array:
     beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
     axis, because rounding splits a double root by its square root.
     """
+    if series.size == 0:
+        return np.empty(0)
     # the colleague matrix divides by the last coefficient, so last coefficients of rounding size are cut off
     rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
     roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
