@@ -111,10 +111,15 @@ def test_ctrl_c_interrupts_without_a_law_twice_or_where_none_is_proved(hearing, 
 
 def test_a_second_ctrl_c_does_not_interrupt_what_cleans_up_after_a_search(hearing):
     cleaned = []
-    with pytest.raises(KeyboardInterrupt), interruptible():
-        try:
-            interrupt(results=0, interruptions=1)
-        finally:
-            signal.raise_signal(signal.SIGINT)
-            cleaned.append("all")
+
+    def search_and_clean_up() -> None:
+        with interruptible():
+            try:
+                interrupt(results=0, interruptions=1)
+            finally:
+                signal.raise_signal(signal.SIGINT)
+                cleaned.append("all")
+
+    with pytest.raises(KeyboardInterrupt):
+        search_and_clean_up()
     assert cleaned == ["all"]
