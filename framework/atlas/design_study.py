@@ -38,7 +38,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.input import read_text
-from framework.numerics.kept import WHY, KeptChunks, complete_chunks, compute_rows
+from framework.numerics.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
 from framework.numerics.output import package_versions
 
 DESIGNS_PER_TASK = 4
@@ -129,12 +129,19 @@ def design_study(
     columns = complete_chunks(
         partial(map_designs, task),
         chunks,
+        partial(_chunk_arrays, task),
         executor=executor,
         keeper=keeper,
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
     why = tuple(columns.pop(WHY).tolist())  # reasons are a field of their own, not a column of numbers
     return DesignStudy(task, designs, columns, column_units(task.robot(), task), why)
+
+
+def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
+    """Return the types and shapes of the columns of a chunk of designs (D, P)."""
+    numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
+    return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:

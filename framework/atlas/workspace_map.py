@@ -47,7 +47,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
-from framework.numerics.kept import KeptChunks, complete_chunks
+from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
@@ -190,6 +190,7 @@ def workspace_map(
     grids = complete_chunks(
         partial(fill_band, robot, window, choice),
         bands,
+        partial(_band_arrays, quantities=choice),
         executor=executor,
         keeper=keeper,
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
@@ -268,6 +269,13 @@ def _empty_values(quantities: tuple[Quantity, ...]) -> dict[str, np.generic]:
     if has_loaded(quantities):
         values["load"] = np.uint8(0)
     return values
+
+
+def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
+    """Return the types and shapes of a filled band's arrays, by name."""
+    shape = (band.stop - band.first, band.q.shape[1])
+    fields = {key: ArrayField(value.dtype.kind, shape) for key, value in _empty_values(quantities).items()}
+    return fields | {"reason": ArrayField("u", shape), "q": ArrayField("f", (*shape, band.q.shape[2]))}
 
 
 def _evaluate_poses(

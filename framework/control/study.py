@@ -44,7 +44,7 @@ from framework.numerics.fields import (
     required,
     whole,
 )
-from framework.numerics.kept import Arrays, KeptChunks, complete_chunks
+from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
 from framework.numerics.output import Document, package_versions
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import plan_document, plan_from_document, read_document
@@ -141,6 +141,7 @@ def run_study(
     arrays = complete_chunks(
         run_and_report if executor is None else task,
         chunks,
+        partial(_chunk_fields, controller.reference.robot.n_a),
         executor=executor,
         keeper=keeper,
         progress=report,
@@ -170,6 +171,22 @@ def run_chunk(
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
     run = run_closed_loop(controller, loop, spread, variations, report_progress)
     return {field.name: np.asarray(getattr(run, field.name)) for field in fields(Outcomes)}
+
+
+def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
+    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`.
+
+    `motors` is the number of motors, `chunk` has the numbers of the runs.
+    """
+    runs = len(chunk)
+    # types by their numpy kinds: f for floats, b for booleans, U for text
+    numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
+    return {
+        "passed": ArrayField("b", (runs,)),
+        "why": ArrayField("U", (runs,)),
+        "peak_torque": ArrayField("f", (runs, motors)),
+        **numbers,
+    }
 
 
 def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunks:

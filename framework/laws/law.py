@@ -335,7 +335,8 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)
-    is_regular = np.linalg.det(rows) != 0.0  # (m,)
+    least_singular_values = np.linalg.norm(rows, -2, axis=(1, 2))  # (m,)
+    is_regular = least_singular_values > INDEPENDENT_CONDITIONS
     right_sides = (targets / row_sizes)[is_regular]
     return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 

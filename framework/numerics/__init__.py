@@ -8,8 +8,8 @@ represent all functions of time.
   bit; row space and null space of a matrix;
 * `banded_lu`: factorisation of sparse matrices in a band; `banded_rows`: least squares with banded rows;
   `splines`: B-splines; `polytope`: zonotopes and slabs;
-* `chebyshev`: functions of time as Chebyshev series on panels, with their roots and peaks; `bernstein`:
-  bounds of functions on cells;
+* `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
+  `bernstein`: bounds of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only access to the solver;
 * `tasks`, `kept`: many independent computations on the cores of this machine or of a cluster, in
   chunks whose results do not depend on where they are computed, stored as they finish;

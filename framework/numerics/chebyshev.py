@@ -10,7 +10,6 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -21,6 +20,8 @@ from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
+MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
+MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
@@ -69,9 +70,11 @@ def tail(series: Array) -> float:
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    The values are products with T_k(x) = cos(k arccos x). For the few points of a plan this is faster than
-    Clenshaw's recurrence, which takes `size` steps in Python.
+    At few points, or for many series, a product with all T_k(x) = cos(k arccos x) is faster than Clenshaw's
+    recurrence, which takes `size` steps in Python. At many points the recurrence needs less memory, too.
     """
+    if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
+        return np.asarray(chebyshev.chebval(x, series).T)
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
     return polynomials @ series
 
@@ -88,6 +91,8 @@ def real_roots(series: Array) -> Array:
     beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
     axis, because rounding splits a double root by its square root.
     """
+    if series.size == 0:
+        return np.empty(0)
     # the colleague matrix divides by the last coefficient, so last coefficients of rounding size are cut off
     rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
     roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
@@ -237,26 +242,3 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
     second = values @ (derivative @ derivative)
     values.setflags(write=False)  # no copy: in another memory order its products differ in the last bit
     return values, read_only(first), read_only(second)
-
-
-def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
-    """Compute the largest |value| (k,) of each component of a function of time.
-
-    Peaks are at panel edges or at extrema of the series. As |T_j| <= 1, the sum of absolute coefficients
-    bounds a series. Extrema are computed only on panels where this bound is above the largest value at nodes.
-
-    Args:
-        function: returns values (T, k) at t (T,) [s].
-        edges: ends of the panels (panels + 1,) [s].
-        size: number of coefficients of the function's series on each panel.
-    """
-    grid = TimeGrid(edges, size)
-    values = function(grid.times)
-    peaks = np.abs(values).max(axis=0)
-    series = grid.fit(values).coefficients  # (panels, size, k)
-    bounds = np.abs(series).sum(axis=1)  # (panels, k)
-    for panel, component in np.argwhere(bounds > peaks):
-        one_series = series[panel, :, component]
-        extreme_values = np.abs(evaluate(extrema(one_series), one_series))
-        peaks[component] = extreme_values.max(initial=peaks[component])
-    return peaks

@@ -91,7 +91,7 @@ def interruptible() -> Iterator[Heard]:
 
     main_thread = threading.get_ident()
     ended = threading.Event()
-    with handle_signals(heeded, stop), warnings.catch_warnings():
+    with _handle_signals(heeded, stop), warnings.catch_warnings():
         hook, sys.unraisablehook = sys.unraisablehook, raise_lost
         try:
             yield heard
@@ -108,7 +108,7 @@ def defer_signals() -> Iterator[None]:
         return
     arrived: list[int] = []
     try:
-        with handle_signals(SIGNALS, lambda number, frame: arrived.append(number)):
+        with _handle_signals(SIGNALS, lambda number, frame: arrived.append(number)):
             yield
     finally:
         if arrived:
@@ -116,7 +116,7 @@ def defer_signals() -> Iterator[None]:
 
 
 @contextmanager
-def handle_signals(numbers: Iterable[int], handler: Handler) -> Iterator[None]:
+def _handle_signals(numbers: Iterable[int], handler: Handler) -> Iterator[None]:
     """Let a handler receive the signals with some numbers for the duration of the block."""
     handlers = {number: signal.signal(number, handler) for number in numbers}
     try:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,20 @@ PREFIX = ".crossing-kept-"  # of names of stores
 WHY = "why"  # name of the column with the reasons for rows without numbers
 Arrays = Mapping[str, NDArray[Any]]
 K = TypeVar("K")
+
+
+class ArrayField(NamedTuple):
+    """An array of a chunk: the kind of its values (b, i, u, f, U, as numpy) and its shape."""
+
+    kind: str
+    shape: tuple[int, ...]
+
+
+def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
+    """Return whether arrays have the names, kinds and shapes of a table; false for None."""
+    if arrays is None:
+        return False
+    return table == {name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()}
 
 
 @dataclass(frozen=True)
@@ -72,6 +86,7 @@ class KeptChunks:
 def complete_chunks(
     compute: Callable[[K], Arrays],
     tasks: Mapping[str, K],
+    fields: Callable[[K], Mapping[str, ArrayField]],
     *,
     executor: Executor | None,
     keeper: KeptChunks | None,
@@ -81,14 +96,14 @@ def complete_chunks(
 
     Args:
         compute: computes the arrays of a task; must be picklable for an executor of processes.
-        tasks: the task of each chunk, by the name of the chunk. In a store, a name must always stand for the
-            same task.
+        tasks: the task of each chunk, by the name of the chunk.
+        fields: returns the kinds and shapes of the arrays of a task.
         executor: computes the chunks; None computes them in this process.
         keeper: stores finished chunks; stored chunks are not computed again.
         progress: called with the names of all finished chunks.
     """
     stored = {} if keeper is None else keeper.read()
-    chunks = {name: stored[name] for name in tasks if name in stored}
+    chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
     progress(chunks)
     missing = {name: task for name, task in tasks.items() if name not in chunks}
     for name, chunk in iterate_results(compute, missing, executor):

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from types import FrameType
 
 from framework.errors import NoAnswer
-from framework.numerics.interruption import handle_signals
 
 NONE_FOUND_YET = "and no law was found yet"
 
@@ -96,12 +95,14 @@ def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
         clock.seconds = round(clock.end - started, 2)
 
     token = _clock.set(SearchTime(math.inf, math.inf, on_result))
-    with handle_signals([signal.SIGINT], end_search):
-        try:
-            yield
-        except SearchEnded:
-            if signal.getsignal(signal.SIGINT) is end_search:  # no Ctrl-C: a time limit ended the search
-                raise
-            raise KeyboardInterrupt from None
-        finally:
-            _clock.reset(token)
+    signal.signal(signal.SIGINT, end_search)
+    try:
+        yield
+    except SearchEnded:
+        if signal.getsignal(signal.SIGINT) is end_search:  # no Ctrl-C: a time limit ended the search
+            raise
+        raise KeyboardInterrupt from None
+    finally:
+        _clock.reset(token)
+        if signal.getsignal(signal.SIGINT) is end_search:  # after Ctrl-C another handler may ignore signals
+            signal.signal(signal.SIGINT, raise_interrupt)

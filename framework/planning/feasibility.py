@@ -9,6 +9,7 @@ external wrenches, and delta to viscous damping.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -79,9 +80,13 @@ class Feasibility:
         It is a root of beta s'^2 + delta s' + gamma.
         """
         _alpha, beta, gamma, delta = self.condition
-        roots = np.roots([beta, delta, gamma])
-        real_roots = roots.real[roots.imag == 0.0]
-        return min((float(root) for root in real_roots if root > 0), default=None)
+        discriminant = delta**2 - 4.0 * beta * gamma
+        if discriminant < 0.0:
+            return None
+        # the larger root times beta, without cancellation; the product of both roots is gamma / beta
+        scaled_root = -0.5 * (delta + math.copysign(math.sqrt(discriminant), delta))
+        roots = [a / b for a, b in ((scaled_root, beta), (gamma, scaled_root)) if b != 0.0]
+        return min((root for root in roots if 0.0 < root < math.inf), default=None)
 
     @property
     def pace(self) -> float | None:

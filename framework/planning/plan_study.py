@@ -87,6 +87,7 @@ def plan_study(
     columns = complete_chunks(
         partial(compute_rows, plan_combination, tuple(quantities), REFUSALS),
         {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan for each chunk
+        lambda chunk: {},  # arrays of a stored chunk: none is stored
         executor=executor,
         keeper=None,
         progress=lambda names: progress(len(names)),

@@ -45,6 +45,7 @@ ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the durati
 MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
+MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
 # Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
 # LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
@@ -412,7 +413,7 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
-    possible = (separation > 0) & (speeds > 0).all(axis=1)
+    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
     advances, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)

@@ -9,9 +9,12 @@ import pytest
 from framework.atlas.design_study import (
     StudyTask,
     design_study,
+    map_designs,
     read_designs,
+    study_setup,
 )
 from framework.cli import main
+from framework.numerics.kept import KeptChunks
 from framework.show.study_figures import plot_study
 from tests.urdf_edits import parametric_five_bar
 
@@ -48,6 +51,19 @@ def test_the_area_is_that_of_both_legs_reach(given, found):
     assert (free < found.columns["area"][:2]).all()
     assert found.units["area"] == "m^2"
     assert found.units["torque_median"] == "N m/N"
+
+
+@pytest.mark.parametrize("wrong", ["columns", "designs"])
+def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_path, wrong):
+    task, designs = given[0]._replace(size=3), given[1]._replace(values=given[1].values[:2])
+    kept = KeptChunks.of(tmp_path, study_setup(task, designs))
+    chunk = map_designs(task, designs.values)
+    less = {key: values for key, values in chunk.items() if key != "area"}
+    kept.keep("0000000-0000002", less if wrong == "columns" else {key: chunk[key][:1] for key in chunk})
+    calls = []
+    again = design_study(task, designs, keeper=kept, progress=calls.append)
+    assert calls == [0, 2]
+    np.testing.assert_array_equal(again.columns["area"], chunk["area"])
 
 
 def test_the_figure_of_a_study_has_each_design_in_each_cell_and_units(found):

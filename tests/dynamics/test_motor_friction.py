@@ -21,6 +21,7 @@ from framework.model.description import JointDynamics
 from framework.model.robot_file_writer import write_robot_file
 from framework.planning.optimal.limit_curves import limit_curves
 from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.request import motor_peaks
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 BACK_AND_FORTH = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
@@ -65,6 +66,12 @@ def test_friction_jumps_where_a_motor_reverses_and_is_nothing_at_a_standstill(po
     np.testing.assert_allclose(share[surely], (size * np.sign(speed))[surely], atol=1e-15)
     np.testing.assert_allclose(np.abs(share), np.broadcast_to(size, share.shape), rtol=1e-9)
     assert np.any(np.diff(np.sign(share), axis=0) != 0.0)  # one motor does reverse on this line
+
+
+def test_peaks_with_friction_are_those_of_a_dense_sampling(polynomial):
+    torque, _speed = motor_peaks(polynomial.dynamics)
+    dense = np.abs(polynomial.torque(np.linspace(0.0, 1.5, 200001))).max(axis=0)
+    np.testing.assert_allclose(torque, dense, rtol=1e-5)
 
 
 def test_a_motor_that_reverses_rests_and_starts():

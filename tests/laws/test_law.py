@@ -197,13 +197,18 @@ def test_how_laws_advance_and_their_peaks_are_known_without_them(smoothness, cou
         assert 0.98 * np.abs(law(t, 2)).max() <= peaks[k] <= 1.00001 * np.abs(law(t, 2)).max()
 
 
-def test_no_law_advances_through_a_point_twice():
-    times, values = np.full((2, 2), 0.5 * DURATION), np.tile([0.5, 1.0, 0.0], (2, 2, 1))
-    times[1, 0] *= 0.5
-    values[1, 0, 0] = 0.25
-    advances, peaks = advances_and_peaks(DURATION, 2, times, values)
-    assert advances[0] == -np.inf
-    assert np.isfinite([advances[1], peaks[1]]).all()
+@pytest.mark.parametrize("smoothness", [2, 4])
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_no_law_advances_through_a_point_twice(smoothness, count):
+    shares = np.arange(1, count + 1) / (count + 1)
+    times = DURATION * np.tile(shares, (count, 1))
+    values = np.stack([times / DURATION, np.ones_like(times), np.zeros_like(times)], axis=2)
+    for k in range(1, count):  # the last law keeps its times
+        times[k - 1, k], values[k - 1, k] = times[k - 1, k - 1], values[k - 1, k - 1]
+    advances, peaks = advances_and_peaks(DURATION, smoothness, times, values)
+    np.testing.assert_array_equal(advances[:-1], -np.inf)
+    np.testing.assert_array_equal(peaks[:-1], np.inf)
+    assert np.isfinite([advances[-1], peaks[-1]]).all()
 
 
 def test_no_laws_have_no_measures():

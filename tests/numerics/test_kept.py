@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from framework.numerics.kept import KeptChunks
+from framework.numerics.kept import ArrayField, KeptChunks, fits
 
 
 def test_what_is_torn_is_not_taken(tmp_path):
@@ -12,3 +12,13 @@ def test_what_is_torn_is_not_taken(tmp_path):
         (kept.folder / f"{name}.npz").write_bytes(content)
     assert set(kept.read()) == {"whole"}
     np.testing.assert_array_equal(kept.read()["whole"]["a"], np.arange(3.0))
+
+
+def test_what_has_other_lengths_names_or_kinds_of_values_does_not_fit():
+    table = {"a": ArrayField("f", (3,)), "why": ArrayField("U", (3,))}
+    good = {"a": np.zeros(3), "why": np.array(["", "", "lost"])}
+    assert fits(good, table)
+    assert not fits(None, table)
+    for other in ({"a": np.zeros(2)}, {"a": np.zeros(3, int)}, {"why": np.zeros(3)}, {"b": np.zeros(3)}):
+        assert not fits({**good, **other}, table)
+    assert not fits({"a": good["a"]}, table)

@@ -64,8 +64,10 @@ def test_a_path_orthogonal_to_t_s_leaves_a_steady_speed_or_nothing():
     found = asked(payload_under((0.0, -9.81, 0.0)), UPRIGHT)
     condition = found.condition._replace(alpha=0.0, beta=2.0, gamma=-8.0)
     level = replace(found, condition=condition)
-    assert level.steady_speed == pytest.approx(2.0, rel=1e-14)
+    assert level.steady_speed == 2.0
     assert "only s' = 2 does; turn the path towards t_s" in level.sentence
+    nearly_linear = replace(level, condition=condition._replace(beta=1e-320, gamma=-1.0, delta=1.0))
+    assert nearly_linear.steady_speed == 1.0
     hopeless = replace(level, condition=condition._replace(beta=0.0))
     assert "no law meets it; turn the path towards t_s" in hopeless.sentence
     assert hopeless.acceleration is None

@@ -12,6 +12,7 @@ from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.cli.console import Progress
 from framework.cli.plan import IMPROVING
+from framework.numerics.interruption import interruptible
 from framework.numerics.time_limit import (
     SearchEnded,
     check_time,
@@ -106,3 +107,19 @@ def interrupt(results: int, interruptions: int) -> None:
 def test_ctrl_c_interrupts_without_a_law_twice_or_where_none_is_proved(hearing, results, interruptions):
     with pytest.raises(KeyboardInterrupt):
         interrupt(results, interruptions)
+
+
+def test_a_second_ctrl_c_does_not_interrupt_what_cleans_up_after_a_search(hearing):
+    cleaned = []
+
+    def search_and_clean_up() -> None:
+        with interruptible():
+            try:
+                interrupt(results=0, interruptions=1)
+            finally:
+                signal.raise_signal(signal.SIGINT)
+                cleaned.append("all")
+
+    with pytest.raises(KeyboardInterrupt):
+        search_and_clean_up()
+    assert cleaned == ["all"]
