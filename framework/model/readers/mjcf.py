@@ -295,9 +295,8 @@ class _Model:
         children = [tree.joints[joint].child for joint in all_arms]
         if second and polynomial[2:].any():
             coefficients = " ".join(map("{:g}".format, polynomial))
-            coupled = " and ".join(all_arms)
-            problem = f"polycoef {coefficients} couples {coupled}: only linear couplings are read"
-            self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
+            problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
+            self.leave_out(f"{where}: polycoef {coefficients} {problem}", all_arms, is_decisive=True)
         elif (arms or offset) and not tree.equate(name, arms, offset, (children[0], children[-1])):
             problem = f"couples {', '.join(arms) or 'no joint'}: only couplings of two joints are read"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
