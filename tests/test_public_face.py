@@ -165,7 +165,7 @@ MISUSE: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "one step": (
         lambda: simulate(plan_scene(ROBOT, "C"), method="fast", step=1.5),
-        "step: 1.5 s is too long",
+        "step: 1.5 s is too long for 1.5 s; take at least 2 steps",
     ),
     "nothing drives it": (lambda: simulate(ROBOT), "torque: needs a plan"),
     "a scene of nothing": (lambda: plan_scene("five_bar", "C"), "robot: .*load_robot"),  # type: ignore[arg-type]

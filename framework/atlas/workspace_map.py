@@ -41,6 +41,7 @@ from framework.atlas.survey import (
 from framework.atlas.sweep import REASON_WORDS, PoseReason, ReasonArray, fill_grid, step_poses
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.errors import InvalidInput, LimitsExceeded, point
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
@@ -51,6 +52,9 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
+# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start;
+# the first search starts at the nearest reached configuration itself
+OFFSETS = (0.0, 1.0, 1.0, 1.0)
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
 
@@ -334,9 +338,9 @@ def _join_bands(
 def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, stride: int) -> None:
     """Set the reason (I, J) of poses in other working modes or out of reach, in place.
 
-    At every `stride`-th unreached pose Newton's method searches for a configuration of any working mode, from
-    the nearest reached configuration. The configurations that it finds are continued to neighbouring poses.
-    The remaining poses are out of reach.
+    At every `stride`-th unreached pose Newton's method searches for a configuration of any working mode. It
+    starts from the nearest reached configuration and from random configurations about it. The configurations
+    that it finds are continued to neighbouring poses. The remaining poses are out of reach.
 
     Args:
         x: platform coordinates (I, J, n).
@@ -350,9 +354,14 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
-    end = close_each(robot, x[coarse], q[row[coarse], column[coarse]])
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
-    other_q[coarse] = np.where(end.closed[:, None], end.q, np.nan)
+    random = np.random.default_rng(0)
+    for offset_size in OFFSETS:
+        is_searched = coarse & np.isnan(other_q[..., 0])  # nothing found so far
+        start = q[row[is_searched], column[is_searched]]
+        offset = offset_size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
+        end = close_each(robot, x[is_searched], integrate(robot, start, offset))
+        other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
     # continue what was found; OPEN marks poses that are not tried
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)

@@ -203,6 +203,7 @@ class ControlCycle:
         try:
             self._inverse = np.linalg.inv(self._P)
         except np.linalg.LinAlgError:
+            self._inverse = np.full_like(self._P, np.inf)  # so that `type2` is 0
             return np.inf
         solution = self._inverse @ (right_sides / -self._row_sizes)
         self._step = solution[:, 0] * self._passive_lengths

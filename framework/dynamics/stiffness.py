@@ -113,6 +113,8 @@ def least_ratios(H: Array, S: Array) -> Array:
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
     trace_S = np.trace(S, axis1=1, axis2=2)
     rows = np.flatnonzero(trace_S > 0)
+    if not len(rows):  # also if there are no motions, d = 0
+        return least
     sigma = trace_H[rows] / trace_S[rows]
     shifted = H[rows] + sigma[:, None, None] * S[rows]
     is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
@@ -245,7 +247,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
             break
         values, vectors = np.linalg.eigh(residuals.H[0])
         sizes = np.abs(values)  # so that steps lead downhill, also where the robot buckles
-        stiffness = np.maximum(sizes, EIGENVALUE_ROUNDING * sizes.max())
+        stiffness = np.maximum(sizes, EIGENVALUE_ROUNDING * sizes.max(initial=0.0))
         # (d,) steps along the motions that keep the loops closed
         uphill = vectors @ (vectors.T @ residuals.energy_slope[0] / stiffness)
         step = residuals.closing_step[0] - residuals.null_space[0] @ uphill
@@ -316,7 +318,7 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     """
     # shapes of unit mass, so that the generalised problem becomes an ordinary one
     values, vectors = np.linalg.eigh(M)
-    has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
+    has_mass = (values > 0.0) & (values > RANK_ROUNDING * values.max(initial=0.0))
     massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) motions of unit mass
     massless = vectors[:, ~has_mass]
     if massless.shape[1] and massive.shape[1]:  # massless motions y follow with the least energy

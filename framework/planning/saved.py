@@ -427,8 +427,8 @@ def _compared_document(plan: CrossingPlan) -> Document:
     }
 
 
-def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
-    """Return the size of each computed number of plan.json, by the last part of its key.
+def _rounding_sizes(plan: CrossingPlan) -> Document:
+    """Return the sizes of the computed numbers of plan.json, nested as in the file; one for all crossings.
 
     Differences of FILE_ROUNDING times the size are rounding. Coefficients of condition (8) have the size of
     the largest term of any crossing at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so
@@ -439,9 +439,7 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
     factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
     conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
     largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
-    return {
-        **dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values())),
-        **{key: largest_term / factor for key, factor in factors._asdict().items()},
+    crossing = {
         "s": 1.0,
         "time": plan.duration,
         "speed": mean_speed,
@@ -449,7 +447,10 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
         "twist": 1.0,
         "platform": plan.robot.length,
         "residual": np.inf,
+        "condition": {key: largest_term / factor for key, factor in factors._asdict().items()},
     }
+    peak_torque = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
+    return {"crossings": crossing, "peak_torque": peak_torque}
 
 
 def _check_plan(saved: Document, plan: CrossingPlan) -> None:
@@ -470,28 +471,29 @@ def _check_plan(saved: Document, plan: CrossingPlan) -> None:
     _check_value("", saved, plain(document), _rounding_sizes(plan))
 
 
-def _check_value(key: str, stated: Any, computed: Any, sizes: Mapping[str, float]) -> None:
+def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
     """Refuse a value of the file that contradicts the computed one, leaf by leaf.
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
         stated: the value in the file.
         computed: the value computed anew.
-        sizes: of numbers, by the last part of their key.
+        size: of a number; in a mapping, the size of each part by its key; None without one.
 
     Raises:
         InvalidInput: as `_check_plan`.
     """
     if isinstance(computed, Mapping):
         known = stated if isinstance(stated, Mapping) else {}
+        sizes = size or {}
         for name, part in computed.items():
-            _check_value(below(key, name), known.get(name, "nothing"), part, sizes)
+            _check_value(below(key, name), known.get(name, "nothing"), part, sizes.get(name))
         return
     if isinstance(computed, list) and all(isinstance(part, Mapping) for part in computed):
         for k, (entry, part) in enumerate(zip(stated, computed, strict=False)):
-            _check_value(f"{key}[{k}]", entry, part, sizes)
-        stated, computed = len(stated), len(computed)
-    if not _values_agree(stated, computed, sizes.get(key.rpartition(".")[2])):
+            _check_value(f"{key}[{k}]", entry, part, size)
+        stated, computed, size = len(stated), len(computed), None
+    if not _values_agree(stated, computed, size):
         raise InvalidInput(
             f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "
             f"changed since; plan again"

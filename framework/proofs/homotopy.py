@@ -51,6 +51,7 @@ MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
+MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
 ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
@@ -220,7 +221,7 @@ class StartSystem(NamedTuple):
     """A random system of linear conditions on a group, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
-    z: ComplexArray  # (bound, N)
+    z: ComplexArray  # (bound, N), or fewer if monodromy missed some
 
 
 @cache
@@ -229,6 +230,7 @@ def solve_start_system(group: Displacements) -> StartSystem:
 
     The system is chosen such that a random point solves it. All solutions known so far are tracked to another
     random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
+    After MONODROMY_ROUNDS loops the search ends with fewer.
     """
     rng = np.random.default_rng(0)
     z = group.random_point(rng)  # (N,)
@@ -239,13 +241,15 @@ def solve_start_system(group: Displacements) -> StartSystem:
     system /= np.linalg.norm(system, axis=1, keepdims=True)
 
     solutions = z[None]  # (known solutions, N)
-    while len(solutions) < group.bound:
+    for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
         away = track_paths(group, system, other, solutions, rng)
         # back to the same system by another way, on which the solutions may change places
         back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
         candidates = np.concatenate([solutions, back.z[back.arrived]])
         solutions = candidates[first_occurrences(candidates)]
+        if len(solutions) >= group.bound:
+            break
     return StartSystem(system, solutions)
 
 

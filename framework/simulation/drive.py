@@ -22,6 +22,7 @@ from framework.kinematics.frames import FrameStack, integrate, scratch_of
 from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeFunction
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
@@ -275,9 +276,13 @@ def _drive_by_plan(
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
-    # a result of `inverse_dynamics` has torques without dry friction, smooth between their edges
-    frictionless = getattr(motion, "torques", motion.torque)
-    edges = getattr(frictionless, "edges", np.empty(0))
+    # a result of `inverse_dynamics` has torques without dry friction, smooth between their edges; a motion of
+    # another kind may mean anything by the name `torques`
+    frictionless: Callable[[Array], Array] = motion.torque
+    edges = np.empty(0)
+    torques = getattr(motion, "torques", None)
+    if isinstance(torques, TimeFunction):
+        frictionless, edges = torques, torques.edges
     all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
     return Drive(
         robot, lambda t, q, v: frictionless(t), feedback=False, breaks=tuple(all_breaks), world=world

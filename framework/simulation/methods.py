@@ -137,7 +137,9 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     robot = task.equations.robot
     count = _count_steps(task.duration, settings.step)
     if count < 2:  # the error is estimated from second differences
-        raise InvalidInput(f"step: {settings.step:g} s is too long for {task.duration:g} s; take 2 or more")
+        raise InvalidInput(
+            f"step: {settings.step:g} s is too long for {task.duration:g} s; take at least 2 steps"
+        )
     edges = np.linspace(0.0, task.duration, count + 1)
     record = RunRecord(task, event_samples=1)
     trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)

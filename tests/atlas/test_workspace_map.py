@@ -106,6 +106,14 @@ def test_no_random_start_closes_the_loops_at_a_pose_out_of_reach(name):
         assert (closed == closable).all(), reason.name
 
 
+def test_other_working_modes_are_searched_from_random_starts_too():
+    """From the nearest reached configuration alone the two arms reach two poses in another mode."""
+    robot = robots.load("two_arms")
+    found = workspace_map(robot, survey_window(robot, size=21), ["g"])
+    closable = (found.reason == PoseReason.OTHER_MODE) | (found.reason == PoseReason.NO_NEIGHBOUR)
+    assert closable.sum() >= 8
+
+
 def test_the_window_of_a_map_is_about_all_that_the_5r_reaches(robot):
     found = survey_window(robot)
     x = replace(found, lower=np.array([-0.5, -0.5]), upper=np.array([0.5, 0.5])).points().reshape(-1, 2)

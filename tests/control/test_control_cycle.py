@@ -107,6 +107,13 @@ def test_a_way_into_a_type_2_singularity_ends_there_and_leads_back():
     np.testing.assert_allclose(cycle.q, inside.q, rtol=0, atol=1e-10)
 
 
+def test_an_exactly_singular_pose_is_at_no_distance_from_type_2():
+    cycle = ControlCycle(robots.load("five_bar"))
+    cycle._scale = np.zeros_like(cycle._scale)  # which makes P singular to the last bit
+    cycle.approach(cycle.x)
+    assert cycle.type2 == 0.0
+
+
 def test_what_cannot_be_is_refused_by_name():
     robot = robots.load("five_bar")
     cycle = ControlCycle(robot)

@@ -11,6 +11,7 @@ from framework import plan_scene
 from framework.control import (
     CONTROLLERS,
     ControlLoop,
+    Measurement,
     Spread,
     draw,
     reference_of,
@@ -18,6 +19,7 @@ from framework.control import (
     tuned_controller,
 )
 from framework.control.closed_loop import apply_variation
+from framework.control.controllers import RobotState
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 
@@ -45,6 +47,39 @@ def stacks(count):
     """Some of so many runs, in stacks of each length, each time others and in another order."""
     random = np.random.default_rng(count)
     return [random.permutation(count)[:length] for length in LENGTHS]
+
+
+@cache
+def seen_by(name, k):
+    """What the encoders of a hundred runs say beside the plan."""
+    ref, random = reference(name), np.random.default_rng(3)
+
+    def around(value, size):
+        return value + size * random.standard_normal((max(LENGTHS), *value.shape))
+
+    state = RobotState(
+        integrate(ref.robot, ref.motion.q[k], around(np.zeros(ref.robot.model.nv), 1e-3)),
+        around(ref.motion.v[k], 1e-2),
+        around(ref.x[k], 1e-3),
+        around(ref.dx[k], 1e-2),
+    )
+    return Measurement(around(ref.motor_angle[k], 1e-2), around(ref.motor_speed[k], 1e-1), state)
+
+
+@pytest.mark.parametrize("sensors", ["motors", "joints"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sensors):
+    law = tuned_controller(controller, reference(name))
+    for k in (0, 4, 7):
+        everyone = seen_by(name, k)
+        if sensors == "motors":
+            everyone = everyone._replace(state=None)
+        together = law.torque(k, everyone)
+        for runs in stacks(len(together)):
+            state = everyone.state and RobotState(*(part[runs] for part in everyone.state))
+            some = Measurement(everyone.motor_angle[runs], everyone.motor_speed[runs], state)
+            np.testing.assert_array_equal(law.torque(k, some), together[runs])
 
 
 @pytest.mark.parametrize(("name", "flexibility", "scheme"), STEPPERS)

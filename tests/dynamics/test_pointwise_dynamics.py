@@ -165,6 +165,16 @@ def test_rows_of_a_stack_that_are_no_numbers_are_named(robot):
     assert len(str(refused.value)) < 200
 
 
+def test_what_was_given_stays_the_givers_own(robot):
+    """A stack may be filled anew for the next call: what was found does not change with it."""
+    q = np.array([assemble(robot, [0.01 * k, 0.3]).q for k in range(3)])
+    found, as_given = dynamics_at(robot, q), q.copy()
+    q[:] = 0.0
+    np.testing.assert_array_equal(found.q, as_given)
+    expected = dynamics_at(robot, as_given).reactions["left_elbow"]
+    np.testing.assert_array_equal(found.reactions["left_elbow"], expected)
+
+
 def test_A_B_and_C_change_as_their_rates_say(moving):
     """B^-1 A and B^-1 C, which no choice of rows changes, differenced along the plan."""
     plan, time, _ = moving

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotConverged, assemble
-from framework.dynamics.stiffness import platform_stiffness
+from framework import InvalidInput, NotConverged, ParallelRobot, assemble
+from framework.dynamics.stiffness import (
+    compliant_motions,
+    least_stiffness,
+    locked_motor_frequency,
+    platform_stiffness,
+)
+from framework.kinematics.linearised_loops import linearised_at_reference
+from framework.model.description import JointDynamics
 from framework.simulation.equations import EquationsOfMotion
 from tests.oracles import five_bar_pose
 from tests.oracles.planar import cross, legs
@@ -136,3 +143,16 @@ def test_the_paper_s_robot_vibrates_on_two_legs_of_springs_in_series(x, flexibil
     squares = np.linalg.eigvalsh(stiffness / PAYLOAD)
     found = platform_stiffness(robot, assemble(robot, x).q)
     np.testing.assert_allclose(found.frequencies, np.sqrt(squares) / (2 * np.pi), rtol=1e-6)
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_springs_on_joints_alone_leave_a_platform_without_a_stiffness(loaded):
+    """The motors of the 5R hold all joints, so its elbow's spring gives way to nothing."""
+    description = robots.load("five_bar").description
+    joints = {"left_elbow": JointDynamics(stiffness=2.0)}
+    robot = ParallelRobot.from_description(replace(description, joints=joints))
+    with pytest.raises(InvalidInput, match="leave the platform rigid"):
+        platform_stiffness(robot, robot.reference, loaded=loaded)
+    free = compliant_motions(robot, linearised_at_reference(robot), robot.reference.q[None])
+    assert np.isnan(least_stiffness(robot, free)).all()
+    assert np.isnan(locked_motor_frequency(free)).all()

@@ -141,6 +141,21 @@ def test_a_plan_that_says_other_than_its_law_does_is_refused_by_name(written, tm
     assert "has changed since" in str(caught.value)
 
 
+def test_the_peaks_of_motors_are_compared_whatever_their_names(write_robot, tmp_path):
+    """Motors named like a key of crossings, and with a dot: rounding agrees, other peaks do not."""
+    file = write_robot()
+    for path in (file, tmp_path / "five_bar.urdf"):
+        text = path.read_text().replace("left_motor", "residual").replace("right_motor", "leg.hip")
+        path.write_text(text)
+    plan = plan_crossing(ParallelRobot.from_file(file), LINE, duration=1.5)
+    peaks = dict(plan.peak_torque)
+    assert load_plan(edited(plan, tmp_path, {"peak_torque": peaks})).peak_torque == peaks
+    for motor in ("residual", "leg.hip"):
+        load_plan(edited(plan, tmp_path, {"peak_torque": peaks | {motor: peaks[motor] * (1 + 1e-12)}}))
+        with pytest.raises(InvalidInput, match=rf"peak_torque.{motor}: .*has changed since"):
+            load_plan(edited(plan, tmp_path, {"peak_torque": peaks | {motor: peaks[motor] * 1.01}}))
+
+
 @pytest.mark.parametrize(
     "key", ["certificate", "exceeded", "neglected", "neglected_friction", "robot", "law"]
 )

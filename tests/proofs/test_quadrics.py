@@ -1,5 +1,6 @@
 """Systems of quadrics: all solutions, and the proof that each is one."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,6 +40,12 @@ def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group
     proof = enclose_solutions(quadrics, 1e-13 * np.abs(quadrics), chart, z)
     assert proof.proved.all()
     assert are_apart(z, proof.radii)
+
+
+def test_monodromy_that_does_not_reach_the_bound_ends_with_fewer_solutions(monkeypatch):
+    group = GROUPS[0]
+    monkeypatch.setattr("framework.proofs.homotopy.MONODROMY_ROUNDS", 5)
+    assert len(solve_start_system(replace(group, bound=group.bound + 1)).z) == group.bound
 
 
 def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():

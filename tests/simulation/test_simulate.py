@@ -44,6 +44,20 @@ def test_the_deformed_5R_comes_back_on_its_path_through_the_singularity(robot, p
         np.testing.assert_allclose(result.platform(1.0, order=1)[0], plan.platform(1.0, 1), atol=1e-9)
 
 
+class OwnMotion:
+    """A planned motion of one's own making, with a table of torques."""
+
+    def __init__(self, motion):
+        self.duration, self.torque, self.platform = motion.duration, motion.torque, motion.platform
+        self.configuration, self.velocity = motion.configuration, motion.velocity
+        self.torques = motion.torque(np.linspace(0.0, motion.duration, 5))
+
+
+def test_a_motion_of_ones_own_drives_by_its_torque_whatever_else_it_has():
+    plan = plan_scene(robots.load("five_bar"), "C")
+    assert simulate(plan.robot, OwnMotion(plan.dynamics)).tracking_error < 1e-10
+
+
 PATHS = [
     ("four_bar", "flexible_links", "dead_point", 1e-9),
     ("bricard", "flexible_links", "dead_point", 1e-10),

@@ -41,6 +41,17 @@ def test_halving_the_step_quarters_the_error(name, flexibility, scheme):
     assert max(gaps) < 1e-9
 
 
+def test_one_robot_serves_many_runs_and_one_that_is_lost_disturbs_none():
+    robot = robots.load("five_bar")
+    stepper = Stepper.of(robot)
+    start = stepper.start(np.repeat(robot.q_near[None], 3, axis=0))
+    torque = np.array([[0.1, 0.0], [np.nan, 0.0], [0.1, 0.0]])
+    state = stepper.step(*start, torque, 1e-3)
+    assert np.all(np.isnan(state.v[1]))
+    np.testing.assert_array_equal(state.q[0], state.q[2])
+    np.testing.assert_array_equal(state.q[0], stepper.step(start.q[0], start.v[0], torque[0], 1e-3).q)
+
+
 def test_open_loops_close_and_do_not_overshoot():
     robot = robots.load("five_bar_heavy")
     stepper = Stepper.of(robot)

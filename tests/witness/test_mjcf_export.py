@@ -12,6 +12,7 @@ from framework import InvalidInput, ParallelRobot, assemble, plan_scene
 from framework.files.mjcf import (
     MIN_INERTIA,
     MIN_MASS,
+    OFF_ORIGIN,
     convert_to_qpos,
     equality_axes,
     mjcf_text,
@@ -92,6 +93,22 @@ def test_balls_are_those_of_mujoco(tmp_path):
     data.qpos[:] = convert_to_qpos(robot.model, q)
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max() < 1e-13
+
+
+def test_the_points_that_close_a_hinge_are_a_tenth_of_the_robot_apart():
+    """Their distance is the weight of a rotation beside a translation in MuJoCo's equalities."""
+    robot = robots.load("n_four_bar")
+    model, data = loaded(robot)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    axes = equality_axes(robot)
+    hinges = [closure for closure in robot.description.closures if OFF_ORIGIN[axes[closure.name]]]
+    assert hinges
+    for closure in hinges:
+        for axis in OFF_ORIGIN[axes[closure.name]]:
+            for end in closure.frames:
+                ends = [data.site(name).xpos for name in (end, f"{end}_{closure.name}_{axis}")]
+                assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.1 * robot.length)
 
 
 @pytest.mark.parametrize("name", ["five_bar_heavy", "gough_stewart", "delta", "spherical_rrr", "n_four_bar"])

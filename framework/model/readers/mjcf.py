@@ -277,7 +277,7 @@ class _Model:
 
         The lengths, measured from the zero pose, satisfy first = offset + ratio * second, besides higher
         powers, which are not read. As lengths are sums of moment arm times coordinate q, this is the equation
-        sum(arm q) = offset with the arms of first - ratio * second.
+        sum(arm q) = offset with the arms of first - ratio * second. An equation 0 = 0 is dropped.
         """
         model = self.compiled
         tree = self.tree
@@ -290,16 +290,16 @@ class _Model:
             problem = "of a spatial tendon, which is not read"
             self.leave_out(f"{where}: {problem}", self.all_joints, is_decisive=True)
             return
-        arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
-        children = [tree.joints[joint].child for joint in arms]
+        all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
+        arms = {joint: arm for joint, arm in all_arms.items() if arm}
+        children = [tree.joints[joint].child for joint in all_arms]
         if second and polynomial[2:].any():
             coefficients = " ".join(map("{:g}".format, polynomial))
-            coupled = " and ".join(arms)
-            problem = f"polycoef {coefficients} couples {coupled}: only linear couplings are read"
-            self.leave_out(f"{where}: {problem}", arms, is_decisive=True)
-        elif not tree.equate(name, arms, offset, (children[0], children[-1])):
-            problem = f"couples {', '.join(arms)}: only couplings of two joints are read"
-            self.leave_out(f"{where}: {problem}", arms, is_decisive=True)
+            problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
+            self.leave_out(f"{where}: polycoef {coefficients} {problem}", all_arms, is_decisive=True)
+        elif (arms or offset) and not tree.equate(name, arms, offset, (children[0], children[-1])):
+            problem = f"couples {', '.join(arms) or 'no joint'}: only couplings of two joints are read"
+            self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
 
     # -------------------------------------------------------------- forces
 

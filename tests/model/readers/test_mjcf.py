@@ -125,12 +125,30 @@ def test_an_equality_of_one_joint_holds_it(tmp_path):
     [
         ('<joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/>', "couples j and k: only linear couplings"),
         ('<tendon tendon1="all"/>', "couples j, k, l: only couplings of two joints are read"),
+        ('<tendon tendon1="more" tendon2="all"/>', "couples j, k, m: only couplings of two joints are read"),
+        ('<tendon tendon1="all" tendon2="same" polycoef="0.3 1 0 0 0"/>', "couples no joint: only couplings"),
     ],
 )
 def test_other_equalities_are_refused_by_the_joints_that_they_couple(tmp_path, equality, message):
-    parts = "".join(f'<joint joint="{name}" coef="1"/>' for name in "jkl")
+    parts, more = (
+        "".join(f'<joint joint="{name}" coef="{arm}"/>' for name, arm in arms.items())
+        for arms in ({"j": 1, "k": 1, "l": 1}, {"j": 2, "k": 3, "l": 1, "m": 1})
+    )
+    lengths = {"all": parts, "same": parts, "more": more}
+    tendons = "".join(f'<fixed name="{name}">{arms}</fixed>' for name, arms in lengths.items())
+    bodies = BODIES + '<body name="four"><joint name="m"/><geom size="0.1" mass="1"/></body>'
     with pytest.raises(RobotFileError, match=message):
-        read(tmp_path, f'<tendon><fixed name="all">{parts}</fixed></tendon>', equality=LOOP + equality)
+        read(tmp_path, f"<tendon>{tendons}</tendon>", bodies=bodies, equality=LOOP + equality)
+
+
+def test_an_equality_that_is_always_true_is_dropped(tmp_path):
+    """Two tendons along one joint, of the same length."""
+    tendons = "".join(f'<fixed name="{name}"><joint joint="k" coef="2"/></fixed>' for name in "ab")
+    equality = LOOP + '<tendon tendon1="a" tendon2="b" polycoef="0 1 0 0 0"/>'
+    description = read(tmp_path, f"<tendon>{tendons}</tendon>", equality=equality)
+    assert description.couplings == ()
+    assert description.left_out == ()
+    assert "k" in Mechanism.from_description(description).coordinates.names
 
 
 # ------------------------------------------------------------------ what cannot be had
