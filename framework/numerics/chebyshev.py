@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
@@ -87,18 +89,67 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    The roots are the eigenvalues of the colleague matrix. Roots that rounding moves off the real axis or
-    beyond an end are accepted. The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the
-    axis, because rounding splits a double root by its square root.
+    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
+    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
+    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
+    double root by its square root.
     """
-    if series.size == 0:
+    sizes = np.abs(series)
+    is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
+    degree = int(np.flatnonzero(~is_rounding).max(initial=0))
+    if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
-    # the colleague matrix divides by the last coefficient, so last coefficients of rounding size are cut off
-    rounding = COEFFICIENT_ROUNDING * np.abs(series).max()
-    roots = chebyshev.chebroots(chebyshev.chebtrim(series, rounding))
+    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
-    inside = real[np.abs(real) <= 1 + SAME_PLACE]
-    return np.sort(np.clip(inside, -1.0, 1.0))
+    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+
+
+def _constant_dominates(sizes: Array) -> bool:
+    """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
+
+    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
+    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
+    SAME_PLACE^(1/2) off the real axis.
+    """
+    base = 1.0 + 2.0 * SAME_PLACE**0.25
+    return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
+
+
+def _quadratic_roots(series: Array) -> NDArray[Any]:
+    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
+
+    The larger root is computed without cancellation, the other root from the product of both.
+
+    Args:
+        series: c (3,).
+    """
+    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
+    product = 0.5 * (series[0] / series[2] - 1.0)
+    half_difference = np.sqrt(complex(middle**2 - product))
+    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
+    return np.array([larger, product / larger if larger else 0.0])
+
+
+def _all_roots(series: Array) -> NDArray[Any]:
+    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
+
+    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
+    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
+    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
+    """
+    degree = len(series) - 1
+    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
+    ratios = series[:degree] / series[degree]
+    matrix = _colleague_matrix(degree).copy()
+    matrix[:, 0] -= (ratios * weights)[::-1]
+    return np.linalg.eigvals(matrix)
+
+
+@lru_cache(maxsize=64)
+def _colleague_matrix(degree: int) -> Array:
+    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
