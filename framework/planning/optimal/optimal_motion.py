@@ -88,6 +88,8 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(1e-2, 20.0),
     ElasticStage(2e-2, 8.0),
     ElasticStage(0.3, 4.0),
+    ElasticStage(0.8, 4.0),
+    ElasticStage(3.0, 4.0),
     *SPLINE_STAGES,
 )
 MASSLESS_STAGES = (ElasticStage(4e-3), *CAPPED_STAGES)  # for springs whose rates cause no forces
