@@ -163,7 +163,7 @@ class StaticFold(NamedTuple):
 
 
 class LeastSoftening(NamedTuple):
-    """The softening of an elastic robot at s by its loads, under the law found that softens it least.
+    """The softening of an elastic robot at s by its loads, under the best law found.
 
     rho: share of its singularity measure that the robot loses, to first order in the compliance.
     """
