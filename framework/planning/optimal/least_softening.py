@@ -30,8 +30,8 @@ from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.speed_program import SpeedProgram
 from framework.planning.refusals import LeastSoftening
+from framework.tolerances import SOFTENING_NEAR_CROSSING
 
-CROSSING_SHARE = 0.06  # delta over the largest |g| of the path
 LEAST_SQUARED_SPEED = 0.02  # lower bound of z times the duration squared
 MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the solver
 
@@ -101,7 +101,7 @@ def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
     z = program.basis.matrix(program.xi)
     u = diags_array(0.5 * task.stretch(sigma, 1)) @ program.basis.matrix(program.xi, 1)
     h = diags_array(h_at_z - h_rest) @ z + diags_array(h_at_z_and_u - h_at_z) @ u
-    delta = CROSSING_SHARE * np.abs(g).max()
+    delta = SOFTENING_NEAR_CROSSING * np.abs(g).max()
     weight = -g / (g**2 + delta**2)  # -1 / g away from the crossings
     return Affine((diags_array(weight) @ h).toarray(), weight * h_rest)
 

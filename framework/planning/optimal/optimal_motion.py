@@ -367,8 +367,8 @@ class _ElasticSearch:
             raise NoLaw(
                 f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
-                f"singular there (above {MAX_SOFTENING:g} no deflections are in balance); use stiffer "
-                f"springs or geometry rigid",
+                f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance); "
+                f"use stiffer springs or geometry rigid",
                 evidence=least,
             )
 
