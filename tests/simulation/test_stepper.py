@@ -41,6 +41,12 @@ def test_halving_the_step_quarters_the_error(name, flexibility, scheme):
     assert max(gaps) < 1e-9
 
 
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_the_scheme_is_chosen_by_the_springs(flexibility):
+    stepper = Stepper.of(robots.load("five_bar", flexibility=flexibility))
+    assert stepper.scheme == ("extrapolated" if flexibility == "flexible_links" else "midpoint")
+
+
 def test_one_robot_serves_many_runs_and_one_that_is_lost_disturbs_none():
     robot = robots.load("five_bar")
     stepper = Stepper.of(robot)
