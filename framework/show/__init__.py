@@ -26,8 +26,10 @@ Pages
 """
 
 from framework.errors import InvalidInput
+from framework.numerics.interruption import defer_signals
 
 try:
-    import matplotlib  # noqa: F401  reads MPLBACKEND when it is imported
+    with defer_signals():  # an interrupted import of matplotlib's compiled modules aborts Python at its end
+        import matplotlib  # noqa: F401  reads MPLBACKEND when it is imported
 except ValueError as error:
     raise InvalidInput(f"MPLBACKEND: {error}") from None

@@ -24,6 +24,25 @@ PROGRAM = (
     "import sys; from framework.cli import main\n"
     "if __name__ == '__main__': print('begun', flush=True); sys.exit(main(sys.argv[1:]))"
 )
+# matplotlib leaves Python objects in a static map if it is interrupted between loading and filling a module
+INTERRUPTED_IMPORT = """
+import signal, sys
+from importlib.machinery import ExtensionFileLoader
+from framework.cli import main
+
+create = ExtensionFileLoader.create_module
+
+
+def create_and_interrupt(loader, spec):
+    module = create(loader, spec)
+    if spec.name == "matplotlib.ft2font":
+        signal.raise_signal(signal.SIGINT)
+    return module
+
+
+ExtensionFileLoader.create_module = create_and_interrupt
+sys.exit(main(sys.argv[1:]))
+"""
 SIGNALS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
 STUDY = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "2e-4", "--runs", "500"]
 FIGURES = ("eye", "law", "robot", "singularity", "torques", "wrench")
@@ -174,6 +193,13 @@ def test_a_worker_that_is_interrupted_while_it_imports_says_nothing():
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (130, "", "crossing: interrupted\n")
+
+
+def test_an_interruption_while_matplotlib_is_imported_ends_with_one_line(tmp_path):
+    with started("-c", INTERRUPTED_IMPORT, "robots", "--picture", os.fspath(tmp_path / "all.png")) as process:
+        out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out, err) == (130, "", "crossing: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("number", SIGNALS)
