@@ -155,9 +155,12 @@ class SmoothSearch(NamedTuple):
             floors = floors[floors <= 10.0 * similar.floor]
         for floor in floors:
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
-            if _takes_at_least(law, 0.0):  # a law with a finite duration was found
+            if isinstance(law, Unsolved):
+                status = law.status
+            elif np.isfinite(law.duration):
                 return law, floor
-            status = law.status if isinstance(law, Unsolved) else "z is not positive"
+            else:  # z of a series dips below zero between the points; a lower floor lets it dip deeper
+                return NoneFound(self.program, "z is not positive"), 0.0
         return NoneFound(self.program, status), 0.0
 
     def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:

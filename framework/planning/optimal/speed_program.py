@@ -347,16 +347,18 @@ class SpeedProgram:
         """Return the row T_lin(z) - duration, which must not be negative.
 
         T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2):
-        T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. The row is in units of `units.time`.
+        T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z, by the fine quadrature, as in
+        `evaluate_speed`: by that quadrature, T(z) >= T_lin(z) holds exactly. The row is in units of
+        `units.time`.
 
         Args:
             y: coefficients (n,) of z_0 [1/s^2].
             duration: the least value of T_lin [s].
             units: units of the program; its unknowns y are in 1 / time^2.
         """
-        weights = self._inner_weights
-        z_0 = self.z @ y * units.time**2  # (P,)
-        slope = csr_array((-0.5 * weights * z_0**-1.5)[None]) @ self.z
+        fine_z, weights = self.fine_quadrature
+        z_0 = fine_z @ y * units.time**2  # (F,)
+        slope = csr_array((-0.5 * weights * z_0**-1.5)[None]) @ fine_z
         constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
         return AffineRows({"y": slope}, np.array([constant]))
 
