@@ -43,7 +43,7 @@ MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48  # of the splines of the deflections, on all panels together
 MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
-MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
+MIN_STEP_SHARE = 1 / 4  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
 SOFTENING, MIN_SOFTENING = 4.0, 1.3  # from one stiffness to the next
 
