@@ -140,8 +140,9 @@ class SmoothSearch(NamedTuple):
     ) -> tuple[Speed | NoneFound, float]:
         """Solve with the highest feasible lower bound of z; return the law and this floor [1/s^2].
 
-        The floors SQUARED_SPEED_FLOORS are tried in turn, in units of 1 / longest duration^2. Floors more
-        than ten times that of a similar law are left out, since they had no solution.
+        The floors SQUARED_SPEED_FLOORS are tried in turn, in units of 1 / longest duration^2. With a similar
+        law only the floor next to its own is tried: higher ones had no solution, and if this one has none,
+        a new search without the similar law tries them all.
 
         Args:
             bounds: bounds of duration, peak and energy.
@@ -152,7 +153,7 @@ class SmoothSearch(NamedTuple):
         status = ""
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2  # the highest first
         if similar is not None and similar.floor > 0.0:
-            floors = floors[floors <= 10.0 * similar.floor]
+            floors = floors[np.argmin(np.abs(np.log(floors / similar.floor)), keepdims=True)]
         for floor in floors:
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
             if isinstance(law, Unsolved):
