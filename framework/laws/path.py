@@ -21,6 +21,7 @@ from numpy.polynomial import Polynomial
 from framework.errors import InvalidInput, check_order, expect_call
 from framework.laws.law import compose_derivatives, is_number
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.numerics.chebyshev import gauss_legendre
 from framework.numerics.fields import LARGEST_NUMBER
 from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SAME_PLACE, SMALLEST_BLEND, WRONG_DERIVATIVE
 
@@ -402,7 +403,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     at_start, at_end = np.split(values, 2)
     quotients = (at_end - at_start) / lengths[:, None]  # (intervals, n)
 
-    nodes, weights = np.polynomial.legendre.leggauss(5)  # on [-1, 1], weights with the sum 2
+    nodes, weights = gauss_legendre(5)
     s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule

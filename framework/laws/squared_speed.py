@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import chebyshev
 
 from framework.errors import InvalidInput
 from framework.laws.path import HIGHEST_ORDER
@@ -31,6 +31,7 @@ from framework.numerics.chebyshev import (
     coefficients,
     derivative_matrix,
     evaluate,
+    gauss_legendre,
     nodes,
 )
 from framework.numerics.splines import find_intervals, spline_values
@@ -202,7 +203,9 @@ def evaluate_each(x: Array, series: Array) -> Array:
     return np.einsum("tk,tk->t", polynomials, series)
 
 
-def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
+def slowness_on_panels(
+    cells: Array, z_series: Array, stretch: Stretch, edges: Array | None = None
+) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
     A panel is accurate if the truncation error of its time is rounding beside the duration, or below its own
@@ -213,13 +216,15 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
         cells: edges (k + 1,) of cells in xi.
         z_series: Chebyshev coefficients (k, size) of z on each cell.
         stretch: the map from sigma to xi.
+        edges: (p + 1,) of the first panels, from 0 to 1, such as those of a similar z; by default few.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
     z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()  # error of z [1/s^2]
-    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
-    edges[[0, -1]] = 0.0, 1.0  # free of rounding
+    if edges is None:
+        edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
+        edges[[0, -1]] = 0.0, 1.0  # free of rounding
     while len(edges) <= MAX_PANELS:
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
@@ -245,6 +250,14 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
+class LinearDuration(NamedTuple):
+    """The duration of a squared speed, its derivatives, and the panels of both integrals."""
+
+    duration: float  # [s]
+    slopes: Array  # (size,) by the coefficients
+    edges: Array  # (p + 1,) of the panels in sigma
+
+
 class SpeedSpace(NamedTuple):
     """The squared speeds z(xi(sigma)) that a basis represents, by their coefficients y (size,) [1/s^2]."""
 
@@ -253,8 +266,7 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        duration, _slopes = self._duration_and_slopes(y)
-        return duration
+        return self._linearise_duration(y).duration
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
         """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
@@ -265,12 +277,14 @@ class SpeedSpace(NamedTuple):
         y = slow
         direction = quick - slow
         share = 0.0
+        edges = None  # of the panels of the last blend
         for _ in range(MAX_BLEND_STEPS):
-            y_duration, slopes = self._duration_and_slopes(y)
-            excess = y_duration - duration
+            linear = self._linearise_duration(y, edges)
+            edges = linear.edges
+            excess = linear.duration - duration
             if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
                 break
-            share -= excess / float(slopes @ direction)
+            share -= excess / float(linear.slopes @ direction)
             y = slow + share * direction
         return y
 
@@ -293,8 +307,16 @@ class SpeedSpace(NamedTuple):
             InvalidInput: a Newton step on the duration leads to a z that is not positive.
         """
         inverse_weights = self._inverse_weights(y, relative)
+        matrix = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
+        edges = None  # of the panels of the last step
         for _ in range(MAX_ADJUSTMENT_STEPS):
-            slopes, values = self._linearise(y, equalities, duration)
+            # slopes (c, size) and values (c,) of all equations; the last may be T(y) - duration = 0
+            slopes, values = matrix, equalities(y)
+            if duration is not None:
+                linear = self._linearise_duration(y, edges)
+                edges = linear.edges
+                slopes = np.vstack([slopes, linear.slopes])
+                values = np.append(values, linear.duration - duration)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
@@ -306,18 +328,6 @@ class SpeedSpace(NamedTuple):
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break
         return y
-
-    def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
-        """Return slopes (c, size) and values (c,) of the equations at y.
-
-        The equations are the equalities and, unless `duration` is None, T(y) - duration = 0.
-        """
-        slopes = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
-        values = equalities(y)
-        if duration is None:
-            return slopes, values
-        y_duration, duration_slopes = self._duration_and_slopes(y)
-        return np.vstack([slopes, duration_slopes]), np.append(values, y_duration - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
         """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
@@ -339,18 +349,21 @@ class SpeedSpace(NamedTuple):
         degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _duration_and_slopes(self, y: Array) -> tuple[float, Array]:
+    def _linearise_duration(self, y: Array, edges: Array | None = None) -> LinearDuration:
         """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
 
         dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
         on the panels that resolve z^(-1/2).
+
+        Args:
+            edges: (p + 1,) in sigma of the panels that resolve a similar z.
         """
-        edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges  # in sigma
-        points, weights = legendre.leggauss(PANEL_NODES)
+        edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch, edges).edges
+        points, weights = gauss_legendre(PANEL_NODES)
         half_widths = 0.5 * np.diff(edges)[:, None]
         sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
         basis_values = self.basis.matrix(self.stretch(sigma))  # (P, size)
         sigma_weights = (half_widths * weights).ravel()  # (P,)
         z = basis_values @ y
         duration = float(sigma_weights @ z**-0.5)
-        return duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values)
+        return LinearDuration(duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges)

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 
 from framework.errors import InvalidInput, check_order
@@ -32,6 +32,13 @@ NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the l
 def nodes(size: int) -> Array:
     """Return the Chebyshev points (size,) of the second kind on [-1, 1], ascending, ends included."""
     return read_only(-np.cos(np.pi * np.arange(size) / (size - 1)))
+
+
+@lru_cache(maxsize=64)
+def gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Return Gauss-Legendre points (count,) on [-1, 1] and their weights, whose sum is 2."""
+    points, weights = legendre.leggauss(count)
+    return read_only(points), read_only(weights)
 
 
 @lru_cache(maxsize=64)

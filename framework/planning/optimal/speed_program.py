@@ -16,15 +16,15 @@ Source of the unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import legendre
 from scipy.sparse import csr_array, diags_array, eye_array
 
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
-from framework.numerics.arrays import Array, read_only
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import gauss_legendre
 from framework.numerics.cone_program import (
     TOLERANCE,
     Affine,
@@ -495,7 +495,7 @@ def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tup
     xi_of_cells = list[Array]()
     weights_of_cells = list[Array]()
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
-        points, point_weights = _gauss_legendre(int(count))
+        points, point_weights = gauss_legendre(int(count))
         half_width = 0.5 * (high - low)
         xi_of_cells.append(0.5 * (low + high) + half_width * points)
         weights_of_cells.append(half_width * point_weights)
@@ -503,13 +503,6 @@ def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tup
     xi_weights = np.concatenate([[0.0], *weights_of_cells, [0.0]])
     xi_slope = problem.task.stretch(problem.sigma(xi), order=1)  # d xi / d sigma
     return xi, xi_weights / xi_slope
-
-
-@lru_cache(maxsize=8)
-def _gauss_legendre(count: int) -> tuple[Array, Array]:
-    """Return Gauss points (count,) on [-1, 1] and their weights."""
-    points, weights = legendre.leggauss(count)
-    return read_only(points), read_only(weights)
 
 
 def _lagrange_weights(xi: Array, chosen: Array, x: float) -> Array:
