@@ -216,8 +216,9 @@ class _ElasticSearch:
 
             # keep the motion if it is within the limits and better than the best one
             excess = limit_excess(motion.dynamics, self.task.specification)
-            is_settled = motion is self.best_motion  # the new law costs no less
-            if not is_settled and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
+            is_new = motion is not self.best_motion  # otherwise the new law costs no less
+            is_settled = not is_new
+            if is_new and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 self.best_motion = motion
@@ -227,7 +228,8 @@ class _ElasticSearch:
             # end, or linearise about the motion and search again
             if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
-            self._prepare_next(motion, excess)
+            if is_new:
+                self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
