@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial.chebyshev import chebval, poly2cheb
+from scipy.integrate import quad
 
 import robots
 from framework import (
@@ -17,8 +19,10 @@ from framework.laws.squared_speed import SpeedSpace
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
+from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.optimal.speed_program import SpeedProgram, Units
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
 from framework.planning.request import Request, specification_of
 from framework.planning.saved import plan_document
@@ -266,6 +270,32 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     assert np.all(np.abs(rows(series.coefficients)) <= 1e-11 * terms)
     sigma = np.linspace(0.0, 1.0, 301)
     np.testing.assert_allclose(series.squared_speed(sigma), law.squared_speed(sigma), rtol=0.05)
+
+
+@pytest.mark.parametrize("least", [1e-2, 1e-3])
+def test_the_tangent_of_the_duration_is_the_duration_at_its_law_and_below_it_elsewhere(robot, least):
+    """Durations by QUADPACK, of laws that are slow in the middle of the path."""
+    request = Request.of(robot, LINE, duration=3.0, law="optimal")
+    searched = search_path(robot, LINE)
+    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    problem = problem_of(task, find_crossing_points(task))._replace(degree=40)
+    program = SpeedProgram.on_cells(problem, first_cells(problem))
+
+    def duration(y: np.ndarray) -> float:
+        def slowness(sigma: float) -> float:
+            return chebval(float(task.stretch(np.array(sigma))), y) ** -0.5
+
+        return quad(slowness, 0.0, 1.0, points=[0.4, 0.5, 0.6], limit=500, epsabs=1e-10)[0]
+
+    slow = np.pad(poly2cheb([least + 0.04, -0.4, 1.0]), (0, 38))  # (xi - 0.2)^2 + least
+    row = program._duration_tangent(slow, 0.0, Units(1.0, 1.0))
+
+    def tangent(y: np.ndarray) -> float:
+        return float((row.parts["y"] @ y + row.offset)[0])
+
+    assert tangent(slow) == pytest.approx(duration(slow), rel=1e-5)
+    for other in (2.0 * slow, np.pad([1.0], (0, 40)), np.pad(poly2cheb([least, 0.0, 0.5]), (0, 38))):
+        assert tangent(other) < duration(other) * (1.0 + 1e-5)
 
 
 @pytest.mark.slow
