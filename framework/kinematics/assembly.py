@@ -151,14 +151,14 @@ def largest_gap(mechanism: Mechanism, q: Array) -> float:
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     """Compute Newton's step (k,) of the columns `free` (k,) from q (nq,) towards closed loops [rad, m].
 
-    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
-    is scaled down to `MAX_NEWTON_STEP`.
+    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. A
+    step longer than `MAX_NEWTON_STEP` is shortened to it.
     """
-    equations = _equations_at(mechanism, q)
-    jacobian = equations.jacobian[0][:, free]
-    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]
-    share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
-    return step * share * mechanism.column_scale[free]
+    equations = _equations_at(mechanism, q)  # dimensionless
+    jacobian = equations.jacobian[0][:, free]  # (rows, k)
+    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]  # [rad, robot lengths]
+    shortening = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
+    return step * shortening * mechanism.column_scale[free]  # robot lengths become metres
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
@@ -211,7 +211,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     """
     joints, scale = mechanism.joints, mechanism.column_scale
     # (f, joints) null space of the loops: the motions that they allow
-    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]
+    _, allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
     directions: list[Array] = []

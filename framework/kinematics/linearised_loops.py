@@ -77,10 +77,10 @@ class LinearisedLoops:
 
     @cached_property
     def factors(self) -> Factors:
-        """LU factors of dF/dq (T, n + m, n + m) along the moving joints.
+        """LU factors of dF/dq (T, n + m, n + m) along the moving joints, actuated and passive.
 
         Raises:
-            numpy.linalg.LinAlgError: the numbers of equations and of moving joints differ.
+            numpy.linalg.LinAlgError: the numbers of equations and of these joints differ.
         """
         return self._factor(self.equations.moving_part, "the platform and the loops")
 
@@ -94,7 +94,10 @@ class LinearisedLoops:
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
     def _factor(self, part: SquarePart | None, subject: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq; raise LinAlgError about `subject` if the part is None."""
+        """Factor a part (T, k, k) of dF/dq; raise LinAlgError if the part is None, which is not square.
+
+        `subject` names the part's equations in the message.
+        """
         if part is None:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")
         return part.factor(self.jacobian)
@@ -250,12 +253,15 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
 
 
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Count the singular values (T,) of the independent loops, with all joints moving, that vanish.
+    """Count the ranks (T,) that the independent loops have lost along actuated and passive joints.
+
+    A rank is lost where a singular value of the loops' dimensionless Jacobian vanishes.
 
     Args:
-        level: share of the largest singular value, or of 1 if this is more, below which a value vanishes.
+        level: share of the largest singular value below which another one counts as zero. A largest value
+            below 1 counts as 1.
     """
-    values = singular_values(moving_loops(robot, linearised))
+    values = singular_values(moving_loops(robot, linearised))  # (T, m)
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
     return np.sum(values < level * largest[:, None], axis=1)
 

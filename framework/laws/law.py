@@ -106,7 +106,7 @@ class PlannedLaw(ExactLaw):
         """Return s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
 
     @abstractmethod
-    def advance(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int) -> float:
         """Return the least s' divided by the mean |s'|, without the zeros at the ends.
 
         The factors of s' that vanish at both ends are divided out first. The result is positive for a
@@ -269,7 +269,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
             "domain": [0.0, self.duration],
         }
 
-    def advance(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int) -> float:
         """Return the least p divided by the mean |p|, where s' = (1 - x^2)^smoothness p(x).
 
         The result is positive for a monotone law. In normalised time x in [-1, 1], s' of a law at rest at
@@ -281,11 +281,14 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return least_value(p[None]) / float(mean)
 
 
-def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
-    """Estimate the least p over the mean |p| (m,), and the peak of |s"| (m,) [1/s^2], of m laws.
+def speed_ratios_and_peaks(
+    duration: float, smoothness: int, times: Array, values: Array
+) -> tuple[Array, Array]:
+    """Estimate `Law.least_speed_ratio` (m,) and the peak of |s"| (m,) [1/s^2] of m laws.
 
     The laws go from rest to rest, as `Law.rest_to_rest`, with ds/dx = (1 - x^2)^smoothness p(x) in the
-    normalised time x. The estimates are taken at samples, which is fast enough for a search among many laws.
+    normalised time x; the ratio is the least p over the mean |p|. The least p and the peak are taken at
+    samples, which is fast enough for a search among many laws.
 
     Args:
         duration: of all laws [s].
@@ -294,18 +297,20 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
     Returns:
-        Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
+        Ratios and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
-    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)  # of r laws; (m,)
+    # (r, degree + 1) of the r laws that exist, and a mask (m,) of these
+    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
     to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
-    p = coefficients @ to_p.T
-    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
+    p = coefficients @ to_p.T  # Chebyshev series, one law a row
+    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)  # (r,) mean |p|
     p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # p and d2s/dx2, (r, N) each
-    advances = np.full(len(times), -np.inf)
+    ratios = np.full(len(times), -np.inf)
     peaks = np.full(len(times), np.inf)
-    advances[is_regular] = p_samples.min(axis=1) / mean
-    peaks[is_regular] = np.abs(accelerations).max(axis=1) * (2.0 / duration) ** 2
-    return advances, peaks
+    ratios[is_regular] = p_samples.min(axis=1) / mean
+    x_rate = 2.0 / duration  # dx/dt, by which derivatives in x become time derivatives
+    peaks[is_regular] = np.abs(accelerations).max(axis=1) * x_rate**2
+    return ratios, peaks
 
 
 def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:

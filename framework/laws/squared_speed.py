@@ -259,8 +259,9 @@ class SpeedSpace(NamedTuple):
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
         """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
 
-        The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
-        method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
+        The blend is y = slow + share (quick - slow). Its duration is a convex function of the share. So
+        Newton's method from share = 0 approaches the solution from the slow side, and the share stays in
+        [0, 1]. The result is right up to rounding of the duration; `adjust` may improve it.
         """
         y = slow
         direction = quick - slow
@@ -268,7 +269,7 @@ class SpeedSpace(NamedTuple):
         for _ in range(MAX_BLEND_STEPS):
             y_duration, slopes = self._duration_and_slopes(y)
             excess = y_duration - duration
-            if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
+            if excess <= SAME_PLACE * duration:
                 break
             share -= excess / float(slopes @ direction)
             y = slow + share * direction

@@ -30,13 +30,13 @@ def column_sizes(rows: Any) -> Array:
 
 
 class BandedFactor(NamedTuple):
-    """Cholesky's factor of a banded matrix, as lower diagonals (W, C)."""
+    """The Cholesky factor L (C, C) of a symmetric matrix L L' with W diagonals from the main one down."""
 
-    diagonals: Array
+    diagonals: Array  # (W, C) of L, in scipy's lower form: row d is the d-th diagonal below the main one
 
     @staticmethod
     def factor_squares(rows: Any, added: float) -> BandedFactor:
-        """Factor B'B + added I of rows B by Cholesky's method.
+        """Factor B'B + added I (C, C) of rows B (rows, C) by Cholesky's method.
 
         Rows with entries in the same columns form a group, whose products of entries are added at once.
 
@@ -59,7 +59,8 @@ class BandedFactor(NamedTuple):
         return BandedFactor(cholesky_banded(diagonals, lower=True, check_finite=False))
 
     def solve(self, right: Array) -> Array:
-        """Solve for right sides (C, k)."""
+        """Solve L L' y = right for y (C, k), with k right sides (C, k)."""
         from scipy.linalg import cho_solve_banded
 
-        return np.asarray(cho_solve_banded((self.diagonals, True), right, check_finite=False))
+        is_lower = True  # the factor is L, not its transpose
+        return np.asarray(cho_solve_banded((self.diagonals, is_lower), right, check_finite=False))

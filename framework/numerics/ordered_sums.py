@@ -25,7 +25,10 @@ SMALL_STACK = 300  # numbers in both arguments together, below which numpy's cal
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute the sums (...) of products a b (..., n) over the last axis; other axes are broadcast."""
+    """Compute the sums (...) of products a b (..., n) over the last axis; other axes are broadcast.
+
+    Small and large stacks are summed in the same order, in the way that is faster for each.
+    """
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
     if a.size + b.size < SMALL_STACK:  # as few calls of numpy as possible

@@ -41,23 +41,26 @@ class Polytope(ReadOnlyArrays):
         return np.all(points @ self.normals.T <= self.offsets + self.rounding, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t with t direction (n,) inside; NaN if no t is.
+        """Compute the least and the largest t at which the point t direction (n,) is inside.
 
-        Both are infinite where the polytope is unbounded. Each half-space is slope t <= offset with slope =
-        normal . direction. It bounds t from above if the slope is positive, and from below if it is negative.
-        Without a slope it holds for all t or for none.
+        Both are NaN if the line of these points misses the polytope. A value is infinite where the polytope
+        is unbounded. On the line a half-space is slope t <= offset, with slope = normal . direction. It
+        bounds t from above if the slope is positive, and from below if it is negative. If the slope is zero,
+        the half-space contains the whole line or none of it.
         """
-        slope = self.normals @ direction
-        least_slope = RANK_ROUNDING * np.linalg.norm(direction)
+        slope = self.normals @ direction  # (h,)
+        least_slope = RANK_ROUNDING * np.linalg.norm(direction)  # a smaller slope is rounding of zero
         is_upper = slope > least_slope
         is_lower = slope < -least_slope
-        if np.any(self.offsets[~(is_upper | is_lower)] < -self.rounding):
+        is_parallel = ~(is_upper | is_lower)
+        if np.any(self.offsets[is_parallel] < -self.rounding):  # not even t = 0 is inside
             return np.nan, np.nan
         low = float((self.offsets[is_lower] / slope[is_lower]).max(initial=-np.inf))
         high = float((self.offsets[is_upper] / slope[is_upper]).min(initial=np.inf))
         if low <= high:
             return low, high
-        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))  # up to rounding
+        # rounding alone may put `low` above `high` where the line touches the polytope at one point
+        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))
         return (high, high) if touches else (np.nan, np.nan)
 
     def axis_ranges(self) -> Array:

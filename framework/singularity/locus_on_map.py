@@ -75,11 +75,12 @@ class MapLocus(ReadOnlyArrays):
             return f"not traced: {self.why_not}"
         count = len(self.curves)
         curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
-        signs = "g does not change its sign"
         if self.sign_changes:
             missed = len(self.unexplained)
             rest = f"at {missed} no curve passes" if missed else "all explained"
             signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
+        else:
+            signs = "g does not change its sign"
         return f"{curves} traced; {signs}; completeness is not claimed"
 
 

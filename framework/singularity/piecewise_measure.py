@@ -288,9 +288,9 @@ class Extremum(NamedTuple):
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
-        room = abs(end - self.s)  # in s
-        doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
-        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
+        to_end = abs(end - self.s)  # in s
+        doublings = np.ceil(np.log2(max(to_end / SAME_PLACE, 1.0)))  # of a distance, to the end at last
+        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), to_end)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):

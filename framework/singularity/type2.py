@@ -107,13 +107,14 @@ def escaping_motions(
         at_least: least number of motions to return, even if their singular values are not small.
     """
     P = passive_matrix(robot, linearised)[0]
+    # (c, n_p) null vectors of P, dimensionless passive rates; none without passive joints
     lost = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
     motions = passive_motion(robot, lost)  # (c, nv)
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
     # usually there are as many freedoms as moving joints minus independent loop equations
     gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
-    twists = linearised.frames.frame_jacobian(0)[0].T.copy()  # (nv, 6) of the platform for unit joint rates
-    twists[:, :3] /= robot.length
+    twists = linearised.frames.frame_jacobian()[0].T.copy()  # (nv, 6) of the platform for unit joint rates
+    twists[:, :3] /= robot.length  # linear velocities in lengths of the robot
 
     # number of independent motions of the platform: in all directions, and along its axes
     rank = _count_rank(motions @ twists)

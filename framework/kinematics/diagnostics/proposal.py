@@ -241,13 +241,14 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
 
 
 def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
-    """Choose joints whose rates determine the working motions.
+    """Choose joints whose rates determine the motions that move a mass or a motor.
 
     Joints that the file suggests as motors come first, then those nearest to the base.
     """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     suggested = [name for name in tree.likely_motors if name in by_depth]
-    return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
+    without_repetitions = dict.fromkeys([*suggested, *by_depth])
+    return motions.choose_independent(motions.working, without_repetitions)
 
 
 def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
@@ -278,21 +279,23 @@ def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
 
 
 def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, partial: PartialRobot) -> list[str]:
-    """Choose joints that, when locked, stop all unwanted motions (nv, k); empty if no choice does.
+    """Choose joints that, when locked, stop all of k independent `unwanted` motions (nv, k).
 
-    Passive joints with springs come first, then those far from the base. If these do not suffice, all serial
-    joints are chosen.
+    Passive joints with springs come first, then those far from the base. Joints whose rates in the unwanted
+    motions are independent stop one motion each. If there are fewer than k of them, all joints in no loop are
+    chosen, provided that they have k freedoms. The result is empty if neither choice stops the motions.
     """
     tree, description = partial.tree, partial.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])  # in order of preference, without repetitions
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.choose_independent(unwanted, passive)
-    if len(to_lock) == unwanted.shape[1]:
+    count = unwanted.shape[1]  # k
+    if len(to_lock) == count:
         return to_lock
     serial = _serial_joints(partial)
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
-    return serial if len(freedoms) == unwanted.shape[1] else []
+    return serial if len(freedoms) == count else []
 
 
 def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
