@@ -389,9 +389,10 @@ class Region(NamedTuple):
         return (leg_determinants(robot, linearised_at(robot, q, None)) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
-        """Return the part of a curve in the region's working mode, the whole curve if there is none.
+        """Return the part of a curve in the region's working mode.
 
-        A curve that left the region may have left its mode through a Type 1 singularity. There it is cut.
+        A curve that left the region may have left its mode through a Type 1 singularity. There it is cut. In
+        a region of all modes the curve stays whole.
         """
         if self.mode is None or len(curve.points.q) < 2:
             return curve

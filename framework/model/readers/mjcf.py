@@ -121,8 +121,8 @@ class _Joint(NamedTuple):
 
 def _placement_of_qpos(qpos: Array) -> Array:
     """Return the placement (4, 4) of the qpos of a free joint (7,) or a ball (4,)."""
-    position, quaternion = qpos[:-4], qpos[-4:]
-    return placement(from_quaternion(*quaternion), position if len(position) else np.zeros(3))
+    *position, w, x, y, z = qpos.tolist()  # a ball has a quaternion alone
+    return placement(from_quaternion(w, x, y, z), position or (0.0, 0.0, 0.0))
 
 
 class _Model:
