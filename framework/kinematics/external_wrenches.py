@@ -138,7 +138,7 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
     platform = robot.platform
     if isinstance(platform, FramePlatform):
         is_on_base_axes = platform.constant or not components[platform.turning].any()
-        if is_on_base_axes:
+        if is_on_base_axes:  # `units` (n, 6) are the unit force or couple of each axis
             return robot.description.platform.frame, tuple((components @ platform.units).tolist())
     raise InvalidInput(
         f"wrench: axes of {robot.name} ({', '.join(robot.axis_names)}) move with it; give the wrench on a "

@@ -112,10 +112,10 @@ class ClosedStack:
     linearised: LinearisedLoops  # at q and x
 
 
-def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
+def linearised_at(robot: ParallelRobot, q: Array, x: Array | None = None) -> LinearisedLoops:
     """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n).
 
-    If x is None, x is that of the platform at q, and the platform's residual is zero.
+    By default x is that of the platform at q, so that the platform's residual is zero.
     """
     equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
@@ -126,10 +126,11 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(independent, axis=1)
 
-    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, then about the base's origin
+    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, `equations.bodies`
     wrenches[:, :n] = robot.platform.wrenches(frames)
     wrenches[:, n:] = loops.wrench.take(independent, axis=1)
-    wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
+    origins = frames.position.take(equations.bodies, axis=1)  # (T, n + m, 3)
+    wrenches = move_wrench(wrenches, origins)  # now about the base's origin
 
     jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
@@ -153,7 +154,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     """
     expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
-    linearised = linearised_at(robot, q, None)
+    linearised = linearised_at(robot, q)
     gaps = np.abs(linearised.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > FILE_ROUNDING:
         worst = gaps.max(axis=1).argmax()

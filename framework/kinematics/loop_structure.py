@@ -155,7 +155,9 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     Returns:
         Ascending indices of the rows; empty if the rank does not rise.
     """
-    rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
+    rank = numerical_rank(nearby)
+    # a coarser level at the reference, so that a nearly singular one counts as singular, too
+    rank_at_reference = numerical_rank(at_reference, BRANCHES_MEET)
     if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
     independent = pivot_rows(at_reference)[:rank_at_reference]

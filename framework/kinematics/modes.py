@@ -102,7 +102,7 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
     """
     loops = moving_loops(robot, linearised)[0]  # (m, moving)
     basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops, which have full rank
-    platform = scaled_platform(robot, linearised)[0][:, robot.moving]
+    platform = scaled_platform(robot, linearised)[0][:, robot.moving]  # (n, moving)
     return basis, float(np.linalg.det(platform @ basis))
 
 

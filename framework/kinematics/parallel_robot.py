@@ -98,6 +98,11 @@ class ParallelRobot(Mechanism):
     def n_a(self) -> int:
         return len(self.actuated)
 
+    @property
+    def n_p(self) -> int:
+        """Number of passive joints without the idle ones."""
+        return len(self.following)
+
     @cached_property
     def rotors(self) -> Array:
         """Inertia of the rotors on each column, (nv,) joint side [kg m^2, kg]."""

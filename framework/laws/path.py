@@ -205,8 +205,8 @@ class Arc(PointPath):
 def _circle_center(points: Array) -> Array:
     """Compute the centre (n,) of the circle through three points (3, n); refuse points on a line.
 
-    Both chords from the start satisfy chord . (centre - start) = |chord|^2 / 2. Of all solutions the one of
-    least norm lies in the plane of the chords.
+    Both chords from the start satisfy chord . (centre - start) = |chord|^2 / 2. Of all solutions for
+    centre - start the one of least norm lies in the plane of the chords.
     """
     start = points[0]
     chords = points[1:] - start
@@ -214,7 +214,8 @@ def _circle_center(points: Array) -> Array:
     along = (to_end @ to_via) / (to_via @ to_via) * to_via  # the part of to_end along to_via
     if np.linalg.norm(to_end - along) <= DEGENERATE_PATH * np.linalg.norm(to_end):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-    return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
+    to_center, *_ = np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))
+    return start + to_center
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -224,7 +224,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
         z = evaluate_on_cells(cells, z_series, stretch(grid.times))
-        if not z.min() > 0:
+        if not z.min() > 0:  # refused below
             break
 
         slowness = grid.fit(z[:, None] ** -0.5)
@@ -237,7 +237,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
 
         is_coarse = truncation > np.maximum(COEFFICIENT_ROUNDING * duration, rounding)
         if not is_coarse.any():
-            if rounding.sum() > SLOWNESS_ROUNDING * duration:
+            if rounding.sum() > SLOWNESS_ROUNDING * duration:  # refused below
                 break
             return slowness
         middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]  # halve the coarse panels

@@ -20,13 +20,15 @@ def banded_rows(values: Array, columns: IntArray, count: int) -> Any:
     from scipy.sparse import csr_array
 
     T, R, W = values.shape
-    starts = np.arange(0, T * R * W + 1, W)
-    return csr_array((values.ravel(), np.repeat(columns, R, axis=0).ravel(), starts), shape=(T * R, count))
+    all_columns = np.repeat(columns, R, axis=0)  # (T R, W)
+    row_starts = np.arange(0, T * R * W + 1, W)  # index of each row's first entry, then the count of all
+    return csr_array((values.ravel(), all_columns.ravel(), row_starts), shape=(T * R, count))
 
 
 def column_sizes(rows: Any) -> Array:
     """Compute the Euclidean norms (C,) of the columns of a sparse matrix."""
-    return np.sqrt(np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1]))
+    squares = np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1])  # summed by column
+    return np.sqrt(squares)
 
 
 class BandedFactor(NamedTuple):

@@ -73,6 +73,11 @@ def singular_values(matrices: NDArray[Any]) -> Array:
     return np.linalg.svd(matrices, compute_uv=False)
 
 
+def least_singular_values(matrices: NDArray[Any]) -> Array:
+    """Compute the least singular value (...) of each of the matrices (..., m, n)."""
+    return singular_values(matrices)[..., -1]
+
+
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular.
 

@@ -14,7 +14,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values, split_row_space
+from framework.numerics.ordered_sums import least_singular_values, singular_values, split_row_space
 from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 
@@ -85,6 +85,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     all n dimensions, normals orthogonal to them make the zonotope flat.
     """
     span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
+    # (1, n) each, found in the r coordinates of the span
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     half_of_normals = np.concatenate([across, *facet_normals])  # one of each opposite pair
     normals = _remove_repeated(np.concatenate([half_of_normals, -half_of_normals]))
@@ -118,7 +119,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     corners = [np.zeros((0, rows.shape[1]))]
     for subset in combinations(range(len(rows)), rank) if rank else ():
         chosen = list(subset)
-        if singular_values(in_span[chosen])[-1] > rounding:  # the least: the rows are independent
+        if least_singular_values(in_span[chosen]) > rounding:  # the rows are independent
             coordinates = np.linalg.solve(in_span[chosen], (signs * limits[chosen]).T)  # (r, 2^r)
             corners.append(coordinates.T @ span)
     points = np.concatenate(corners)
@@ -146,10 +147,10 @@ def _facet_normals(generators: Array) -> list[Array]:
     Each set has two opposite normals, of which one is returned.
     """
     n = generators.shape[1]
-    if n == 1:
-        return [np.ones(1)]
+    if n < 2:  # on a line the normal is the line itself; a point has none
+        return [np.ones(1)] * n
     normals = []
-    for subset in combinations(range(len(generators)), n - 1) if n else ():
+    for subset in combinations(range(len(generators)), n - 1):
         _, values, V_rows = np.linalg.svd(generators[list(subset)])
         if values.min() > RANK_ROUNDING * values.max():
             normals.append(V_rows[-1])  # the null space of the set

@@ -141,7 +141,7 @@ class LocusEquations:
                 configuration has the border of its own P.
         """
         robot = self.robot
-        linearised = linearised_at(robot, q, None)
+        linearised = linearised_at(robot, q)
         P = passive_matrix(robot, linearised)
         measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
         gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
@@ -149,7 +149,7 @@ class LocusEquations:
         slopes = [
             independent_loops_matrix(robot, linearised),
             self._offset_slopes(linearised) * robot.column_scale,
-            measure.by_q[:, None] * robot.column_scale,
+            measure.by_q[:, None] * robot.column_scale,  # dg/dq
         ]
         return Evaluated(
             values=np.concatenate([gaps, self._fixed_offsets(linearised), measure.g[:, None]], axis=1),

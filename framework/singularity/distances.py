@@ -15,7 +15,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 
@@ -53,7 +53,7 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    sigma_A = singular_values(A)[:, -1]  # (T,)
+    sigma_A = least_singular_values(A)  # (T,)
     if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)

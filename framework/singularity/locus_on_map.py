@@ -162,7 +162,7 @@ def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> Array:
     """Compute the working modes (e, legs), a sign for each leg, at indices i, j (e, 2) of the map."""
-    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices), None))
+    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices)))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:

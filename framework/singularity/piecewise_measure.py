@@ -24,7 +24,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
@@ -199,7 +199,7 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         g = solution.g
         largest = np.abs(g).max()
         # det G of a wide border is also small where all singular values of G are small but not zero
-        if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
+        if largest < RANK_LOST and least_singular_values(solution.G).max() < RANK_LOST:
             raise SingularPath(
                 f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"

@@ -188,7 +188,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     """
     robot = equations.robot
     points = curve.points
-    linearised = linearised_at(robot, points.q, None)
+    linearised = linearised_at(robot, points.q)
     x = robot.platform.coordinates(linearised.frames)
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
@@ -386,7 +386,7 @@ class Region(NamedTuple):
         Each determinant is multiplied by the sign that it has in the `mode` (legs,).
         """
         robot = self.equations.robot
-        return (leg_determinants(robot, linearised_at(robot, q, None)) * mode).min(axis=1)
+        return (leg_determinants(robot, linearised_at(robot, q)) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the region's working mode.

@@ -171,7 +171,7 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
     """Return whether g has a sign, with passive joints and no redundant motors."""
-    return len(robot.following) > 0 and robot.n_a == robot.n
+    return robot.n_p > 0 and robot.n_a == robot.n
 
 
 class SingularityMeasure(NamedTuple):

@@ -69,7 +69,10 @@ class NearestPose(Configuration):
 
 
 def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
-    """Return the unit of the platform's distances: its size [robot lengths, rad] and its name."""
+    """Return the size of the unit of the platform's distances, and its name.
+
+    Distances in robot lengths and radians become distances in this unit if multiplied by its size.
+    """
     if robot.translations.all():
         return robot.length, "m"
     return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
@@ -129,10 +132,11 @@ class PoseSearch:
         """
         require_square(robot)
         self.robot, self._motors_hold = robot, motors_hold
-        self._lengths = robot.column_scale[robot.moving]
-        self._row_sizes = equation_sizes(robot)[robot.n :]
-        self._unit_length, self._unit = distance_unit(robot)
-        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
+        # (f,) units of the moving joints, by which they become dimensionless: [m] of slides, 1 of turns
+        self._units = robot.column_scale[robot.moving]
+        self._row_sizes = equation_sizes(robot)[robot.n :]  # (m,) by which the loop equations do
+        self._unit_size, self._unit = distance_unit(robot)
+        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._units
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
@@ -148,7 +152,7 @@ class PoseSearch:
         """
         iterate = self._evaluate(q, x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
-        least_value = 0.5 * (least / self._unit_length) ** 2
+        least_value = 0.5 * (least / self._unit_size) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
 
         damping = 0.0  # of Levenberg and Marquardt
@@ -198,7 +202,7 @@ class PoseSearch:
             x=iterate.x,
             residual=float(iterate.loops.gap[0]),
             iterations=count,
-            distance=distance * self._unit_length,
+            distance=distance * self._unit_size,
             unit=self._unit,
             stops=() if distance <= REACHED_PLATFORM else tuple(stops),
         )
@@ -240,7 +244,7 @@ class PoseSearch:
 
         A step is refused if its loops do not close, or if it leads to another branch or mode.
         """
-        motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._lengths)
+        motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._units)
         predicted = integrate(self.robot, iterate.q, motion)
         q = self._close(predicted)
         if q is None:
@@ -270,7 +274,7 @@ class PoseSearch:
 
         An additional equation holds a joint that has left its range at the end of the range.
         """
-        units = np.eye(len(self._lengths))
+        units = np.eye(len(self._units))
         margin_slopes = np.vstack([units, -units])  # (2 f, f) derivatives of the margins along the joints
         is_beyond = np.zeros(2 * len(units), dtype=bool)
         for _ in range(MAX_ITERATIONS):
@@ -285,17 +289,17 @@ class PoseSearch:
             step = -K.T @ np.linalg.solve(K @ K.T + CLOSED_LOOP * np.eye(len(K)), gap)
             if not np.abs(step).max() < MAX_NEWTON_STEP:
                 return None
-            q = integrate_columns(self.robot, q, self.robot.moving, step * self._lengths)
+            q = integrate_columns(self.robot, q, self.robot.moving, step * self._units)
         return None
 
     def _range_margins(self, q: Array) -> Array:
         """Compute the distances (2 f,) of joints at q (nq,) from the lower, then the upper ends of ranges."""
-        position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
+        position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._units
         return np.append(position - self._lower, self._upper - position)
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
-        linearised = linearised_at(self.robot, q[None], None)
+        linearised = linearised_at(self.robot, q[None])
         residual = linearised.residual[0, self.robot.n :] / self._row_sizes
         return residual, self._loop_slopes(linearised)[0]
 
@@ -316,14 +320,15 @@ class PoseSearch:
             range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
                 multipliers of the loops.
         """
-        J = self._loop_slopes(linearised_at(self.robot, q[None], None))[0]  # (m, f)
+        J = self._loop_slopes(linearised_at(self.robot, q[None]))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, len(J) :]  # (f, n) the null space of J
         linearised = self._linearise_around(q, Z)
         x, dx, dc = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
-        # the multipliers lambda (m,) that balance the gradient of the error in the least squares
+        # the multipliers lambda (m,) that balance the gradient of the error best: the solution of
+        # J' lambda = gradient by least squares, with J' = Q R
         multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ dx[0] + range_forces))
         gradients = e @ dx - multipliers @ dc  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP  # (n, n), without dx' dx
@@ -362,8 +367,8 @@ class PoseSearch:
 
     def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
         """Compute the loops at q (nq,) and one step away along motions Z (f, n), T = 1 + n."""
-        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
-        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units
+        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps))
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and derivatives along the joints.
@@ -374,7 +379,7 @@ class PoseSearch:
             x (T, n); the derivatives of x over its scale (T, n, f); those of the loops (T, m, f).
         """
         robot = self.robot
-        twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)
+        twists = linearised.platform[..., robot.moving] * self._units  # (T, n, f)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
         return x, dx, self._loop_slopes(linearised)

@@ -41,7 +41,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import singular_values, split_row_space
+from framework.numerics.ordered_sums import least_singular_values, split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
@@ -134,7 +134,7 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
     # an axis is an index into AXES: 0 to 2 are translations, 3 to 5 are turns
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns:
-        clearance = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)  # at the best pose
+        clearance = max(least_singular_values(matrix[list(axes)]) for matrix in twists)  # at the best pose
         if clearance <= PROPOSED_AXES_CLEARANCE:
             continue
         names = tuple(AXES[axis] for axis in axes)

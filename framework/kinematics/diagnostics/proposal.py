@@ -40,7 +40,7 @@ from framework.model.description import AXES, Actuator, Closure, Platform, Robot
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # number of platforms that are tried
@@ -266,7 +266,7 @@ def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
         return [names[i] for i in choose_rows(rates, count)]
 
     choices = np.array(list(combinations(range(len(names)), count)))  # (choices, count) indices of motors
-    clearances = singular_values(rates[choices])[:, -1]  # (choices,) least singular values
+    clearances = least_singular_values(rates[choices])  # (choices,)
     best_two = np.argsort(-clearances, kind="stable")[:2]
     largest, second_largest = clearances[best_two]
     best, second = ([names[i] for i in choice] for choice in choices[best_two])
@@ -361,7 +361,7 @@ def _joint_platforms(motions: LoopMotions, partial: PartialRobot) -> Iterator[Pl
             continue
         rates = motions.rates(names)
         chosen = choose_rows(rates, count)
-        if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
+        if least_singular_values(rates[chosen]) > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
             yield Platform(tree.joints[joints[-1]].child, (), joints)
 
@@ -383,7 +383,7 @@ def _frame_platforms(
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
-        least = singular_values(twists[list(axes)])[-1]
+        least = least_singular_values(twists[list(axes)])
         translations = sum(axis < 3 for axis in axes)
         if least <= FILE_ROUNDING or (turns_about_a_point and translations):
             continue
@@ -458,7 +458,7 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the serial joints into joints that carry loops and others.
+    """Split the joints in no loop into those that carry no loop and those that do.
 
     Joints that the options name or that carry the platform are left out.
 

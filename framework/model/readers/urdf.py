@@ -327,7 +327,7 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
         axis = np.array(entry["axis"])
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
-        hinge_at_zero = placement(None, entry["point"])
+        hinge_at_zero = placement(translation=entry["point"])
         ends = []
         for end in ("a", "b"):
             name = entry[f"link_{end}"]
