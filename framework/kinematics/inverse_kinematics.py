@@ -250,11 +250,11 @@ class IdleTurns:
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
     """Return the idle turns at T instants; None if all idle joints rest."""
-    weights = _driving_weights(robot)
+    weights = _driving_weights(robot)  # (k, nv) diagonal of G for each turn; zero for a turn at rest
     if not weights.any():
         return None
     motions = turn_motions(robot, linearised)
-    rows = motions.swapaxes(1, 2) * weights
+    rows = motions.swapaxes(1, 2) * weights  # Z' G (T, k, nv)
     for k in np.flatnonzero(~weights.any(axis=1)):
         rows[:, k, robot.structure.idle[k]] = 1.0  # the turn rests
     return IdleTurns(motions, rows, weights)

@@ -21,6 +21,7 @@ from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
+from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
 SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
@@ -336,12 +337,11 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
 
     targets = np.zeros(x.shape)
-    targets[:, len(end_orders)] = 1.0  # s at the end
+    targets[:, len(end_orders)] = 1.0  # s at the end: the first condition there; all others at the ends are 0
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)
-    least_singular_values = np.linalg.norm(rows, -2, axis=(1, 2))  # (m,)
-    is_regular = least_singular_values > INDEPENDENT_CONDITIONS
+    is_regular = least_singular_values(rows) > INDEPENDENT_CONDITIONS  # (m,)
     right_sides = (targets / row_sizes)[is_regular]
     return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 

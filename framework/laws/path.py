@@ -306,8 +306,8 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
+        longest = 0.5 * lengths.min()  # blend: two of them share a segment
         # the tolerance accepts a longest blend that was printed, and rounded up
-        longest = 0.5 * lengths.min()  # blend
         if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
                 f"polyline: blend must be from {SMALLEST_BLEND * longest:.2g} to {longest:.6g}, half of the "
@@ -408,7 +408,8 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
 
-    # the difference may be a share of the largest derivative, plus that of values which count as the same
+    # the means may differ from the quotients by a share of the largest derivative, and by what rounding of
+    # the values makes of a quotient
     largest = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)  # (n,)
     rounding = SAME_PLACE * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
     allowed = WRONG_DERIVATIVE * largest + rounding

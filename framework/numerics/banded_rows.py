@@ -50,7 +50,8 @@ class BandedFactor(NamedTuple):
 
         width = int(rows.indptr[1])  # W, the number of entries of a row
         entries = rows.data.reshape(-1, width)
-        columns, first_rows = np.unique(rows.indices[::width], return_index=True)  # rows in the same columns
+        # of each group, rows in the same columns: its first column, and its first row
+        columns, first_rows = np.unique(rows.indices[::width], return_index=True)
         groups = np.split(entries, first_rows[1:])
         products = np.stack([group.T @ group for group in groups])  # (groups, W, W)
         diagonals = np.zeros((width, rows.shape[1]))  # diagonal d below the main one in row d

@@ -116,7 +116,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     rounding = RANK_ROUNDING * singular_values(rows).max(initial=0.0)
     in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
     signs = sign_combinations(rank)  # (2^r, r)
-    corners = [np.zeros((0, rows.shape[1]))]
+    corners = [np.zeros((0, rows.shape[1]))]  # the only ones without a rank
     for subset in combinations(range(len(rows)), rank) if rank else ():
         chosen = list(subset)
         if least_singular_values(in_span[chosen]) > rounding:  # the rows are independent

@@ -307,7 +307,8 @@ def passes_point(equations: LocusEquations, curve: Points, point: Points) -> boo
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
-    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
+    from_start = -offsets[:-1]  # from the start of each chord to the point
+    distance = np.linalg.norm(chord_offsets(from_start, chord), axis=1)
     is_close = distance < MAX_CURVE_OFFSET * length
     is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
     return bool(np.any(is_close & is_step))

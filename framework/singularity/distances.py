@@ -103,8 +103,8 @@ def _worst_torques(
     moves_point = np.abs(V_rows[:, :, translations]).max(axis=2) > RANK_LOST  # (T, n)
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
 
-    norm = singular_values(torques)[:, 0]
-    largest = np.linalg.norm(torques, axis=1).max(axis=1)
+    norm = singular_values(torques)[:, 0]  # the largest ones: over all directions of the force
+    largest = np.linalg.norm(torques, axis=1).max(axis=1)  # over all directions, then over the motors
     return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)
 
 

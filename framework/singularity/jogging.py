@@ -295,8 +295,8 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def stop_before(angle: float, sign: float) -> Array:
         """Compute q (nq,) just before a singularity, else at the start.
 
-        The motor stops MOTOR_STOP_DISTANCE before the singularity. While no pose can be computed there, it
-        goes back by tenfold longer distances.
+        The motor stops MOTOR_STOP_DISTANCE before the singularity. While `turn` can compute no pose there,
+        the motor goes back by tenfold longer distances.
 
         Args:
             angle: size of the motor's turn to the singularity [rad, m].

@@ -256,10 +256,10 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
             break
 
     # slopes of the singular values, relative to the curvature of G if this is large
-    slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
-    kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
+    largest_slope, *_, least_slope = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
+    kind = "transversal" if least_slope > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly
-    if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
+    if largest_slope < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
         kind = "tangential"
     # small singular values need not vanish

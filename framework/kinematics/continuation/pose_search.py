@@ -274,9 +274,9 @@ class PoseSearch:
 
         An additional equation holds a joint that has left its range at the end of the range.
         """
-        units = np.eye(len(self._units))
-        margin_slopes = np.vstack([units, -units])  # (2 f, f) derivatives of the margins along the joints
-        is_beyond = np.zeros(2 * len(units), dtype=bool)
+        identity = np.eye(len(self._units))
+        margin_slopes = np.vstack([identity, -identity])  # (2 f, f) derivatives of margins along the joints
+        is_beyond = np.zeros(2 * len(identity), dtype=bool)  # whether a joint has passed an end of its range
         for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
             margins = self._range_margins(q)

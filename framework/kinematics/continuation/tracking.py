@@ -166,7 +166,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
         if accepted is not None:
             poses, correction = accepted
             stretches.append(poses)
-            pose = poses.select(slice(-1, None))
+            pose = poses.select(slice(-1, None))  # the last one
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue

@@ -183,7 +183,10 @@ def scaled_twists(robot: Mechanism, twists: Array) -> Array:
 
 
 def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
-    """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,)."""
+    """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,).
+
+    It is dimensionless, in radians and robot lengths. The velocity of a centre is on the axes of its body.
+    """
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
     velocities = [np.empty((0, model.nv))]  # for a robot without mass

@@ -156,7 +156,8 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
 
     if joint_platforms:  # the construction of the robot may raise a more precise error
         ParallelRobot.from_description(replace(partial.description, platform=joint_platforms[-1]))
-    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
+    # (nv, k) motions that move neither a mass nor a motor
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)
     holding = _choose_joints_to_hold(motions, idle, partial)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     remedies = f"{part}or {remedy}" if part else remedy
@@ -222,16 +223,20 @@ def _advise_on_parts(partial: PartialRobot) -> str:
 
 
 def _advise_on_other_loops(partial: PartialRobot) -> str:
-    """Return advice to lock all loops that share no joint with the first loop; empty without any."""
+    """Return advice to lock all loops that share no joint with the first loop; empty without any.
+
+    If such loops have motors, it is enough to lock these.
+    """
     tree, description = partial.tree, partial.description
-    # joints of loops that share joints, directly or through others
+    # each group: joints of loops that share joints, directly or through others; no group without closures
     groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
-    first, *others = groups or [[]]
+    first_group, *others = groups or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
     if not to_lock:
         return ""
-    return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(to_lock)}), "
+    first_joint = first_group[0]
+    return f"hold the loops beside those of {first_joint} (such as --lock {' '.join(to_lock)}), "
 
 
 def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
@@ -363,7 +368,7 @@ def _joint_platforms(motions: LoopMotions, partial: PartialRobot) -> Iterator[Pl
         chosen = choose_rows(rates, count)
         if least_singular_values(rates[chosen]) > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
-            yield Platform(tree.joints[joints[-1]].child, (), joints)
+            yield Platform(frame=tree.joints[joints[-1]].child, joints=joints)
 
 
 def _frame_platforms(
@@ -380,7 +385,7 @@ def _frame_platforms(
     names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
     passive = set(tree.movable).difference(partial.description.motor_joints)
     if len(names) == count and passive.issuperset(names):
-        yield 3.0, Platform(frame, (), names)
+        yield 3.0, Platform(frame, joints=names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
         least = least_singular_values(twists[list(axes)])

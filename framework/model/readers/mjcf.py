@@ -328,7 +328,7 @@ class _Model:
     def _read_motor(self, k: int) -> None:
         """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
-        target = model.actuator_trnid[k, 0]
+        target = model.actuator_trnid[k, 0]  # index of the joint or tendon
         gear = float(model.actuator_gear[k, 0])
         name = self.name("actuator", k)
         acts_on = self.all_joints
