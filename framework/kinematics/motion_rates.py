@@ -200,8 +200,8 @@ def jacobian_rates(
     S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
     first = dW @ S_0 + linearised.wrenches @ S_1
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
-    signs = robot.equations.signs  # (n + m, nv) 1 or -1 if the joint moves one body of the equation, else 0
-    return first * signs, second * signs
+    # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
+    return first * robot.equations.signs, second * robot.equations.signs
 
 
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:

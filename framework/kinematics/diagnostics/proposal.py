@@ -463,7 +463,7 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the joints in no loop into those that carry no loop and those that do.
+    """Split the joints in no loop by whether they carry a loop.
 
     Joints that the options name or that carry the platform are left out.
 
