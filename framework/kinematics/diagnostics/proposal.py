@@ -463,12 +463,12 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the joints in no loop by whether they carry a loop.
+    """Split the joints in no loop into joints that carry no loop and joints that carry one.
 
     Joints that the options name or that carry the platform are left out.
 
     Returns:
-        Names of the joints without loops; names of the joints with loops.
+        Names of the joints that carry no loop; names of the joints that carry one.
     """
     tree = partial.tree
     needed = {*(options.motors or ()), *(options.platform_joints or ())}
