@@ -73,8 +73,8 @@ def singular_values(matrices: NDArray[Any]) -> Array:
     return np.linalg.svd(matrices, compute_uv=False)
 
 
-def least_singular_values(matrices: NDArray[Any]) -> Array:
-    """Compute the least singular value (...) of each of the matrices (..., m, n)."""
+def least_singular_values(matrices: NDArray[Any]) -> Any:
+    """Compute the least singular values (...) of matrices (..., m, n); a number for a single matrix."""
     return singular_values(matrices)[..., -1]
 
 
