@@ -44,7 +44,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
-from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
+from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain, select_fields
@@ -386,7 +386,7 @@ def fit_possible_parameters(
     motors = links.motor_slice
     deviations = prior * links.spread[motors]
     not_negative = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
-    y = semidefinite_least_squares(cones, not_negative)
+    y = least_norm_semidefinite(cones, not_negative)
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",

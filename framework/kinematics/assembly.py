@@ -74,8 +74,8 @@ def close_reference(mechanism: Mechanism) -> Closing:
             last iterate and the residual.
     """
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
-    others = np.setdiff1d(mechanism.joints, stated)
-    # if the file states all joints, all move at once
+    others = np.setdiff1d(mechanism.joints, stated)  # of all columns but the springs'
+    # q_near is the file's reference; if the file states all joints, all move at once
     closing = _close(mechanism, mechanism.q_near, others if len(others) else mechanism.joints)
     if closing.gap > CLOSED_LOOP and len(stated):
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
@@ -151,14 +151,14 @@ def largest_gap(mechanism: Mechanism, q: Array) -> float:
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     """Compute Newton's step (k,) of the columns `free` (k,) from q (nq,) towards closed loops [rad, m].
 
-    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
-    is scaled down to `MAX_NEWTON_STEP`.
+    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. A
+    step longer than `MAX_NEWTON_STEP` is shortened to it.
     """
-    equations = _equations_at(mechanism, q)
-    jacobian = equations.jacobian[0][:, free]
-    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]
-    share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
-    return step * share * mechanism.column_scale[free]
+    equations = _equations_at(mechanism, q)  # dimensionless
+    jacobian = equations.jacobian[0][:, free]  # (rows, k)
+    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]  # [rad, robot lengths]
+    shortening = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
+    return step * shortening * mechanism.column_scale[free]  # robot lengths become metres
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
@@ -181,8 +181,8 @@ def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
     """Raise NotAssembled if `closing` moved a joint of the columns `stated` far from the file's value."""
-    offset = difference(mechanism, mechanism.q_near, closing.q)
-    distances = np.abs(offset / mechanism.column_scale)[stated]
+    offset = difference(mechanism, mechanism.q_near, closing.q)  # (nv,) from the file's reference [rad, m]
+    distances = np.abs(offset / mechanism.column_scale)[stated]  # [rad, robot lengths]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
         return
     column = stated[np.argmax(distances)]
@@ -209,12 +209,13 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     are closed again. The configurations lie in different directions from the reference. A rigid structure has
     none.
     """
-    joints, scale = mechanism.joints, mechanism.column_scale
+    joints = mechanism.joints
+    scale = mechanism.column_scale  # (nv,) the robot's length [m] for slides, 1 for turns
     # (f, joints) null space of the loops: the motions that they allow
-    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]
+    _, allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
-    directions: list[Array] = []
+    directions: list[Array] = []  # (nv,) from the reference to these configurations
     # a single motion need not be drawn twice
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis

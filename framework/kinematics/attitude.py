@@ -83,7 +83,7 @@ class Attitude(ReadOnlyArrays):
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute E(x) u and its time derivative, (T, k) each, for u (T, k), such as dx.
 
-        dx and du (T, k) are the time derivatives of x (T, k) and u.
+        dx and du (T, k) are the time derivatives of x (T, k) and u. E is the identity where v = dx.
         """
         return u, du
 
@@ -208,15 +208,16 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the two couples and their time derivatives, (T, 2, 3) each, for u and u' = `du`.
+        """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        The couples are a - (a.u) p and b = h u x a/|q|, with the `handedness` h, q = u - (a.u) a and p =
-        q/q^2. Primes are time derivatives. With g = p . q', the rate of log |q|,
+        u = R c (T, 3) is the direction of the frame's third axis, and u' = `du` its rate; primes are time
+        derivatives. q = u - (a . u) a is the part of u normal to the first axis a, and h the `handedness`.
+        With p = q / q^2 and the rate g = p . q' of log |q|, the couples and their rates are
 
-            p' = q'/q^2 - 2 g p,   b' = h u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
+            a - (a . u) p             rate  -(a . u') p - (a . u) p',    p' = q' / q^2 - 2 g p
+            b = h u x a / |q|         rate  h u' x a / |q| - g b
         """
         a = np.eye(3)[self.axes[0]]
-        # the first couple a - (a.u) p
         au, dau = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
         q, dq = u - au * a, du - dau * a  # (T, 3)
         square = dot(q, q)[:, None]
@@ -233,7 +234,11 @@ class TwoAngles(DirectionChart):
         return couples, rates
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute w = dx_1 a + dx_2 R_a b (T, 3) at rates v = dx, without a free turn."""
+        """Compute w = dx_1 a + dx_2 R_a b (T, 3), with the free turn at rest.
+
+        v = dx (T, 2) are the rates of both angles. R_a is the turn by x_1 about the first axis a, which takes
+        the second axis b with it.
+        """
         a = np.eye(3)[self.axes[0]]
         turned_b = self.couples(rotation)[:, 1]  # R_a b, the second couple
         return v[:, :1] * a + v[:, 1:] * turned_b

@@ -85,6 +85,7 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     residual = rows.weight * dot(a, b) - rows.constant
     if rows.has_couplings:
         residual[:, rows.coupled] = rows.coupling_residual(frames.q)
+    # force a and couple b x a, of which each row has one: the weight of the other is zero
     wrench = np.zeros((*a.shape[:2], 6))
     wrench[..., :3] = rows.force_weight[:, None] * a
     if not rows.only_translations:
@@ -105,7 +106,7 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
-    p, dp = (origins[..., rows.second, 3, :] for origins in (placements, changes))
+    p, dp = (vectors[..., rows.second, 3, :] for vectors in (placements, changes))  # 3: the origin
     weight = rows.force_weight[:, None]
     force_change = weight * da
     moment_change = cross(dp, weight * a) + cross(p, force_change)
@@ -223,15 +224,16 @@ def loop_force_changes(
     """
     screws, placements = frames.screws, frames.placements[:, None]
     shares = multipliers[..., None] * rows.joint_signs(frames.carried)  # (T, m, nv) of each wrench on a joint
-    carried = shares.swapaxes(1, 2)  # (T, nv, m)
+    joint_shares = shares.swapaxes(1, 2)  # (T, nv, m)
     steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
 
     # changes of the wrenches, which move with their frames
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
-    by_wrenches = dot(carried[:, None] @ changes, screws[:, None])  # (T, k, nv)
+    by_wrenches = dot(joint_shares[:, None] @ changes, screws[:, None])  # (T, k, nv)
 
     # changes of the screws: a joint moves with all joints that precede it
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # (T, k, nv, 6)
-    by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
+    carried_wrenches = joint_shares @ wrenches  # W_i (T, nv, 6)
+    by_screws = dot(displacements, bracket_wrenches(screws, carried_wrenches)[:, None])
     return by_wrenches + by_screws

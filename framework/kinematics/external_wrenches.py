@@ -138,7 +138,7 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
     platform = robot.platform
     if isinstance(platform, FramePlatform):
         is_on_base_axes = platform.constant or not components[platform.turning].any()
-        if is_on_base_axes:
+        if is_on_base_axes:  # `units` (n, 6) are the unit force or couple of each axis
             return robot.description.platform.frame, tuple((components @ platform.units).tolist())
     raise InvalidInput(
         f"wrench: axes of {robot.name} ({', '.join(robot.axis_names)}) move with it; give the wrench on a "
@@ -198,7 +198,8 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
                              a wrench on axes of the frame moves as a whole: S_j . dw = -[S_i, S_j] . w
     """
     columns = tree_columns(mechanism)
-    screws = screws * columns.carried[applied.joint][:, None]
+    moves_frame = columns.carried[applied.joint]  # (nv,) 1 for joints that move the frame, else 0
+    screws = screws * moves_frame[:, None]
     by_screw = bracket_wrenches(screws, applied.wrench[:, None]) @ screws.swapaxes(1, 2)  # (T, j, i)
     if applied.turns:
         by_wrench = -by_screw
@@ -206,7 +207,8 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
         linear, angular = screws[..., :3], screws[..., 3:]
         d = linear + cross(angular, applied.origin[:, None])  # (T, nv, 3) velocity of p for each joint
         by_wrench = angular @ cross(d, applied.wrench[:, None, :3]).swapaxes(1, 2)
-    return by_screw * columns.precedes.T + by_wrench
+    precedes = columns.precedes.T  # (j, i) whether joint i precedes joint j
+    return by_screw * precedes + by_wrench
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:

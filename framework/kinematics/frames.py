@@ -88,11 +88,13 @@ def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> S
 def _view_vector(vector: Any, first_part: str, width: int) -> Array:
     """View a C++ vector of pinocchio as an array (elements, width) of doubles.
 
-    A C++ vector stores its elements in one block of memory, at a constant stride [bytes]. Of each element the
-    view shows `width` doubles, from its attribute `first_part` on.
+    A C++ vector stores its elements, two at least in every model, in one block of memory at a constant
+    stride. Of each element the view shows `width` doubles, from the attribute `first_part` on: pinocchio
+    stores the parts of a pose, a twist or a wrench one directly after the other. The vector must outlive the
+    view.
     """
     first, second = (getattr(vector[k], first_part) for k in range(2))
-    stride = second.ctypes.data - first.ctypes.data  # [bytes] between two elements; every model has several
+    stride = second.ctypes.data - first.ctypes.data  # [bytes] between two elements
     return as_strided(first, (len(vector), width), (stride, first.itemsize))
 
 
@@ -141,16 +143,29 @@ class FrameStack(NamedTuple):
         """Rotation matrices of the frames, (T, F, 3, 3), columns are the axes."""
         return self.placements[:, :, :3].swapaxes(2, 3)
 
+    @property
+    def platform_origin(self) -> Array:
+        """Origin of the platform's frame, which is the first, (T, 3) [m]."""
+        return self.position[:, 0]
+
+    @property
+    def platform_rotation(self) -> Array:
+        """Rotation matrix of the platform's frame, (T, 3, 3), columns are the axes."""
+        return self.rotation[:, 0]
+
     def select(self, which: slice | IntArray) -> FrameStack:
         """Return the frames at the configurations `which`."""
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
-    def frame_jacobian(self, frame: int) -> Array:
-        """Compute the Jacobian (T, 6, nv) of the frame of index `frame` at its origin, on base axes."""
+    def frame_jacobian(self, frame: int = 0) -> Array:
+        """Compute the Jacobian (T, 6, nv) of a frame's twist at its origin, on base axes.
+
+        `frame` is an index into `Mechanism.frames`: 0 is the platform's frame.
+        """
         twists = self.screws.copy()  # (T, nv, 6) of the joints, still at the base's origin
         twists[..., :3] += cross(self.screws[..., 3:], self.position[:, frame, None])
-        twists *= self.carried[frame][:, None]  # zero for joints that do not move the frame
-        return twists.swapaxes(1, 2)
+        carries_frame = self.carried[frame]  # (nv,) 1 or 0
+        return (twists * carries_frame[:, None]).swapaxes(1, 2)
 
 
 class FrameMotions(NamedTuple):
@@ -283,7 +298,7 @@ def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     """Move configurations q (..., nq) by tangent vectors `step` (..., nv) [rad, m], as pinocchio does.
 
-    On balls, whose quaternions are not vectors, a step is a rotation vector; elsewhere it is added.
+    At a ball joint, whose position is a quaternion, the step is a rotation vector; elsewhere it is added.
     """
     if not mechanism.has_balls:
         return q + step
@@ -324,7 +339,7 @@ def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (..., nv) [rad, m] from start (..., nq) to q (..., nq).
 
-    It is the inverse of `integrate`, with rotation vectors on balls.
+    It is the inverse of `integrate`. The three entries of a ball joint are a rotation vector.
     """
     if not mechanism.has_balls:
         return q - start

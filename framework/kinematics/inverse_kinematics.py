@@ -129,8 +129,8 @@ def close_each(
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
     """
-    columns = robot.following if x is None else robot.moving
-    lengths = robot.column_scale[columns]
+    columns = robot.following if x is None else robot.moving  # of the joints that move
+    units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
     q = guess.copy()
     inputs = q if x is None else np.concatenate([q, x], axis=1)
     # indices of the instants that have not been dropped, at first those with finite inputs
@@ -148,7 +148,7 @@ def close_each(
             continue
 
         # drop the instants whose steps are too large
-        steps = steps / lengths
+        steps = steps / units
         step_size = np.abs(steps).max(axis=1, initial=0.0)
         is_near = step_size <= farthest
         live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
@@ -157,7 +157,7 @@ def close_each(
 
         # scale long steps down, then take all of them
         steps /= np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None]
-        q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
+        q[live] = integrate_columns(robot, q[live], columns, steps * units)
 
     closed = np.zeros(len(q), dtype=bool)
     closed[live] = step_size < NEWTON_STEP
@@ -179,9 +179,9 @@ def _newton_steps(
     Returns:
         The steps [rad, m]; whether each instant is regular, (T,).
     """
-    if at_motors:
+    if at_motors:  # the loops along the passive joints
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
-    else:
+    else:  # platform and loops along all moving joints
         residual, factors = linearised.residual, linearised.factors
     try:
         steps = -factors.solve(residual)
@@ -250,11 +250,11 @@ class IdleTurns:
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
     """Return the idle turns at T instants; None if all idle joints rest."""
-    weights = _driving_weights(robot)
+    weights = _driving_weights(robot)  # (k, nv) diagonal of G for each turn; zero for a turn at rest
     if not weights.any():
         return None
     motions = turn_motions(robot, linearised)
-    rows = motions.swapaxes(1, 2) * weights
+    rows = motions.swapaxes(1, 2) * weights  # Z' G (T, k, nv)
     for k in np.flatnonzero(~weights.any(axis=1)):
         rows[:, k, robot.structure.idle[k]] = 1.0  # the turn rests
     return IdleTurns(motions, rows, weights)

@@ -77,10 +77,10 @@ class LinearisedLoops:
 
     @cached_property
     def factors(self) -> Factors:
-        """LU factors of dF/dq (T, n + m, n + m) along the moving joints.
+        """LU factors of dF/dq (T, n + m, n + m) along the moving joints, actuated and passive.
 
         Raises:
-            numpy.linalg.LinAlgError: the numbers of equations and of moving joints differ.
+            numpy.linalg.LinAlgError: the numbers of equations and of these joints differ.
         """
         return self._factor(self.equations.moving_part, "the platform and the loops")
 
@@ -94,7 +94,10 @@ class LinearisedLoops:
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
     def _factor(self, part: SquarePart | None, subject: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq; raise LinAlgError about `subject` if the part is None."""
+        """Factor a part (T, k, k) of dF/dq; raise LinAlgError if the part is None, which is not square.
+
+        `subject` names the part's equations in the message.
+        """
         if part is None:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")
         return part.factor(self.jacobian)
@@ -109,10 +112,10 @@ class ClosedStack:
     linearised: LinearisedLoops  # at q and x
 
 
-def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
+def linearised_at(robot: ParallelRobot, q: Array, x: Array | None = None) -> LinearisedLoops:
     """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n).
 
-    If x is None, x is that of the platform at q, and the platform's residual is zero.
+    By default x is that of the platform at q, so that the platform's residual is zero.
     """
     equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
@@ -123,10 +126,11 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(independent, axis=1)
 
-    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, then about the base's origin
+    wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, `equations.bodies`
     wrenches[:, :n] = robot.platform.wrenches(frames)
     wrenches[:, n:] = loops.wrench.take(independent, axis=1)
-    wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
+    origins = frames.position.take(equations.bodies, axis=1)  # (T, n + m, 3)
+    wrenches = move_wrench(wrenches, origins)  # now about the base's origin
 
     jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
@@ -150,7 +154,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     """
     expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
-    linearised = linearised_at(robot, q, None)
+    linearised = linearised_at(robot, q)
     gaps = np.abs(linearised.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > FILE_ROUNDING:
         worst = gaps.max(axis=1).argmax()
@@ -250,12 +254,15 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
 
 
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Count the singular values (T,) of the independent loops, with all joints moving, that vanish.
+    """Count the ranks (T,) that the independent loops have lost along actuated and passive joints.
+
+    A rank is lost where a singular value of the loops' dimensionless Jacobian vanishes.
 
     Args:
-        level: share of the largest singular value, or of 1 if this is more, below which a value vanishes.
+        level: share of the largest singular value below which another one counts as zero. A largest value
+            below 1 counts as 1.
     """
-    values = singular_values(moving_loops(robot, linearised))
+    values = singular_values(moving_loops(robot, linearised))  # (T, m)
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
     return np.sum(values < level * largest[:, None], axis=1)
 

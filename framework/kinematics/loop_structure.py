@@ -155,7 +155,9 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     Returns:
         Ascending indices of the rows; empty if the rank does not rise.
     """
-    rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
+    rank = numerical_rank(nearby)
+    # a coarser level at the reference, so that a nearly singular one counts as singular, too
+    rank_at_reference = numerical_rank(at_reference, BRANCHES_MEET)
     if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
     independent = pivot_rows(at_reference)[:rank_at_reference]
@@ -213,10 +215,12 @@ def _row_sizes(loops: Array) -> Array:
 
 
 def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
-    """Close the loops at the reference, without rows that are redundant except for rounding.
+    """Close the loops at the reference, without rows that only the rounding of dimensions keeps independent.
 
-    A mechanism may also close to the last digit in the pose in which it was drawn, where its rounding then
-    locks it. So rows are also excluded if they are redundant except for rounding at nearby poses.
+    Such rows show in one of two ways. Usually they keep the loops open. But the pose in which a mechanism was
+    drawn may satisfy them to the last digit; then they close there, and lock the mechanism. In this case the
+    Jacobian has singular values of the size of rounding, and the rows are excluded if they also follow from
+    the others, up to rounding, at nearby poses.
 
     Returns:
         The mechanism whose `rows` close exactly, and its closed pose.
@@ -231,10 +235,12 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
         if reduced is None:
             raise
         return reduced, close_reference(reduced)
-    # the size at the closed pose scales the rows, because the size at the file's reference may be far off
+    # for these decisions rows are scaled by the mechanism's size at the closed pose, because its `length` is
+    # the size at the file's reference, which may be far off
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = joint_loops_matrix(sized, closing.q)
-    if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
+    rank_without_rounding = numerical_rank(matrix, ROUNDED_ROW)
+    if numerical_rank(matrix) > rank_without_rounding:
         reduced = _exclude_rounded_rows(sized, closing.q)
         if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
             return replace(reduced, length=mechanism.length), closing

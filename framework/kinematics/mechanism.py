@@ -113,10 +113,12 @@ class Mechanism(ReadOnlyArrays):
 
     @classmethod
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
-        """Build the mechanism or robot of a description with the springs of one flexibility.
+        """Build an object of this class from a description, with the springs of one flexibility.
+
+        `ParallelRobot.from_description` also assembles the robot. Errors in the URDF name the robot file.
 
         Raises:
-            RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
+            RobotFileError: unknown flexibility, invalid URDF, pinocchio refuses it, or too many joints.
             NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         with prefix_errors(f"{description.file}: urdf"):
@@ -234,10 +236,10 @@ class Mechanism(ReadOnlyArrays):
         return f"{type(self).__name__}({self.name!r}, {self.flexibility}: loops {loops})"
 
 
-def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the columns (k,) of the coordinates named `joints`."""
-    names = coordinate_names(model)
-    return np.array([names.index(name) for name in joints], dtype=int)
+def velocity_columns(model: pin.Model, names: Iterable[str]) -> IntArray:
+    """Return the columns (k,) of k coordinates by their names, such as `knee`, or `hip_rx` of a ball."""
+    all_names = coordinate_names(model)  # one for each column
+    return np.array([all_names.index(name) for name in names], dtype=int)
 
 
 def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:

@@ -34,14 +34,14 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
 
 
 def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the signs of det P and log |det P|, (T,) each.
+    """Compute the signs of det P and log |det P|, (T,) each; P are the passive columns of the loops.
 
     det P counts as 1 if P is not square (redundant motors) or empty (no passive joints). In both cases the
     equations have no `passive_part`.
     """
     if linearised.equations.passive_part is None:
-        count = len(linearised.residual)
-        return np.ones(count), np.zeros(count)
+        T = len(linearised.residual)
+        return np.ones(T), np.zeros(T)
     return linearised.passive_factors.slogdet
 
 
@@ -102,7 +102,7 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
     """
     loops = moving_loops(robot, linearised)[0]  # (m, moving)
     basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops, which have full rank
-    platform = scaled_platform(robot, linearised)[0][:, robot.moving]
+    platform = scaled_platform(robot, linearised)[0][:, robot.moving]  # (n, moving)
     return basis, float(np.linalg.det(platform @ basis))
 
 

@@ -190,7 +190,7 @@ def jacobian_rates(
     frames = linearised.frames
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
     motions = move_with_bodies(robot, frames, twists)
-    V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each
+    V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each, of the body behind each joint
 
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
@@ -200,6 +200,7 @@ def jacobian_rates(
     S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
     first = dW @ S_0 + linearised.wrenches @ S_1
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
+    # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
     return first * robot.equations.signs, second * robot.equations.signs
 
 
@@ -215,6 +216,7 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
         screw_rates: two time derivatives (2, T, nv, 6) of the joints' screws.
     """
     c, dc, ddc = motions.rates  # (T, F, 4, 3) each
+    # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
     first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.stack([first, second])

@@ -65,7 +65,7 @@ class ParallelRobot(Mechanism):
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))  # the reference first
         frames = frames_at(mechanism, np.stack(poses))
         platform = platform_coordinates(description.platform, mechanism.model)
-        platform = platform.choose_chart(frames.rotation[:, 0])
+        platform = platform.choose_chart(frames.platform_rotation)
         actuated = velocity_columns(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
 
@@ -97,6 +97,11 @@ class ParallelRobot(Mechanism):
     @property
     def n_a(self) -> int:
         return len(self.actuated)
+
+    @property
+    def n_p(self) -> int:
+        """Number of passive joints without the idle ones."""
+        return len(self.following)
 
     @cached_property
     def rotors(self) -> Array:
@@ -229,14 +234,15 @@ class Equations(ReadOnlyArrays):
         """
         carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
         n = platform.n
-        signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
+        carries_platform = carried[0]  # the platform is frame 0
+        signs = np.concatenate([platform.joint_incidence(carries_platform), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(mechanism.nv)
         pattern = (signs != 0.0) | (couplings != 0.0)
         rows = np.arange(len(signs))
         return Equations(
             loops=loops,
-            bodies=np.pad(loops.second, (n, 0)),  # n zeros first, because the platform is frame 0
+            bodies=np.pad(loops.second, (n, 0)),  # n zeros first, for the platform
             n=n,
             signs=signs,
             couplings=couplings,

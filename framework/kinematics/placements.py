@@ -109,7 +109,7 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     """Return the axis of a column in the frame of its own joint."""
     model = robot.model
-    joint = int(tree_columns(robot).owner[column])
+    joint = int(tree_columns(robot).owner[column])  # the joint to which the column belongs
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)

@@ -99,11 +99,11 @@ class FramePlatform(_Coordinates):
         return FramePlatform(
             translations=translations,
             sliding=sliding,
-            along=axes[sliding],
+            along=axes[sliding],  # the base axes of the translations
             axes=axes,
-            units=np.eye(6)[axes],
+            units=np.eye(6)[axes],  # unit forces and couples
             turning=turning,
-            attitude=attitude_about(axes[turning] - 3),  # base axes 0..2 of the turns
+            attitude=attitude_about(axes[turning] - 3),  # chart of the turns, about base axes 0..2
         )
 
     def choose_chart(self, rotations: Array) -> FramePlatform:
@@ -120,8 +120,8 @@ class FramePlatform(_Coordinates):
     def coordinates(self, frames: FrameStack) -> Array:
         """Compute x (T, n) [m, rad]: positions of the frame's origin, angles of its attitude."""
         x = np.empty((len(frames.position), self.n))
-        x[:, self.sliding] = frames.position[:, 0, self.along]
-        x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
+        x[:, self.sliding] = frames.platform_origin[:, self.along]
+        x[:, self.turning] = self.attitude.coordinates(frames.platform_rotation)
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
@@ -130,10 +130,10 @@ class FramePlatform(_Coordinates):
         The rate of the offset is v.
         """
         if self.is_point:
-            return frames.position[:, 0, self.along] - x
+            return frames.platform_origin[:, self.along] - x
         offset = np.empty((len(x), self.n))
-        offset[:, self.sliding] = frames.position[:, 0, self.along] - x[:, self.sliding]
-        offset[:, self.turning] = self.attitude.residual(frames.rotation[:, 0], x[:, self.turning])
+        offset[:, self.sliding] = frames.platform_origin[:, self.along] - x[:, self.sliding]
+        offset[:, self.turning] = self.attitude.residual(frames.platform_rotation, x[:, self.turning])
         return offset
 
     def unwrap(self, x: Array, near: Array) -> Array:
@@ -149,7 +149,7 @@ class FramePlatform(_Coordinates):
         """
         if self.constant:
             return self.units
-        couples = self.attitude.couples(frames.rotation[:, 0])
+        couples = self.attitude.couples(frames.platform_rotation)
         wrenches = np.repeat(self.units[None].astype(couples.dtype), len(couples), axis=0)
         wrenches[:, self.turning, 3:] = couples
         return wrenches
@@ -163,7 +163,7 @@ class FramePlatform(_Coordinates):
 
     def jacobian(self, frames: FrameStack) -> Array:
         """Compute the Jacobian (T, n, nv) of v: powers of the unit wrenches at unit joint rates."""
-        twists = frames.frame_jacobian(0)  # (T, 6, nv)
+        twists = frames.frame_jacobian()  # (T, 6, nv) of the platform's frame
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
     def wrench_rates(self, motions: FrameMotions, screw_rates: Array) -> Array:
@@ -200,7 +200,7 @@ class FramePlatform(_Coordinates):
         """Compute the twist (T, 6) of the frame for v (T, n), zero along axes without a coordinate."""
         twist = np.zeros((len(v), 6))
         twist[:, self.along] = v[:, self.sliding]
-        twist[:, 3:] = self.attitude.angular_velocity(frames.rotation[:, 0], v[:, self.turning])
+        twist[:, 3:] = self.attitude.angular_velocity(frames.platform_rotation, v[:, self.turning])
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
@@ -299,10 +299,10 @@ class JointPlatform(_Coordinates):
         return np.repeat(unit_rows[None], len(frames.q), axis=0)
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) at the frame's origin for velocities v (T, n) of the joints."""
-        screws = frames.screws[:, self.columns]
+        """Compute the twist (T, 6) of the frame at its origin for v (T, n), the rates of the joints."""
+        screws = frames.screws[:, self.columns]  # (T, n, 6)
         twist = matvec(screws.swapaxes(1, 2), v)  # at the base's origin
-        twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
+        twist[:, :3] += np.cross(twist[:, 3:], frames.platform_origin)
         return twist
 
     def drift(self, motions: FrameMotions) -> Array:

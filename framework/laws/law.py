@@ -21,6 +21,7 @@ from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
+from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
 SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
@@ -106,7 +107,7 @@ class PlannedLaw(ExactLaw):
         """Return s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
 
     @abstractmethod
-    def advance(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int) -> float:
         """Return the least s' divided by the mean |s'|, without the zeros at the ends.
 
         The factors of s' that vanish at both ends are divided out first. The result is positive for a
@@ -269,7 +270,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
             "domain": [0.0, self.duration],
         }
 
-    def advance(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int) -> float:
         """Return the least p divided by the mean |p|, where s' = (1 - x^2)^smoothness p(x).
 
         The result is positive for a monotone law. In normalised time x in [-1, 1], s' of a law at rest at
@@ -281,11 +282,14 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return least_value(p[None]) / float(mean)
 
 
-def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
-    """Estimate the least p over the mean |p| (m,), and the peak of |s"| (m,) [1/s^2], of m laws.
+def speed_ratios_and_peaks(
+    duration: float, smoothness: int, times: Array, values: Array
+) -> tuple[Array, Array]:
+    """Estimate `Law.least_speed_ratio` (m,) and the peak of |s"| (m,) [1/s^2] of m laws.
 
     The laws go from rest to rest, as `Law.rest_to_rest`, with ds/dx = (1 - x^2)^smoothness p(x) in the
-    normalised time x. The estimates are taken at samples, which is fast enough for a search among many laws.
+    normalised time x; the ratio is the least p over the mean |p|. The least p and the peak are taken at
+    samples, which is fast enough for a search among many laws.
 
     Args:
         duration: of all laws [s].
@@ -294,18 +298,20 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
     Returns:
-        Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
+        Ratios and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
-    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)  # of r laws; (m,)
+    # (r, degree + 1) of the r laws that exist, and a mask (m,) of these
+    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
     to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
-    p = coefficients @ to_p.T
-    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)
+    p = coefficients @ to_p.T  # Chebyshev series, one law a row
+    mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)  # (r,) mean |p|
     p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # p and d2s/dx2, (r, N) each
-    advances = np.full(len(times), -np.inf)
+    ratios = np.full(len(times), -np.inf)
     peaks = np.full(len(times), np.inf)
-    advances[is_regular] = p_samples.min(axis=1) / mean
-    peaks[is_regular] = np.abs(accelerations).max(axis=1) * (2.0 / duration) ** 2
-    return advances, peaks
+    ratios[is_regular] = p_samples.min(axis=1) / mean
+    x_rate = 2.0 / duration  # dx/dt, by which derivatives in x become time derivatives
+    peaks[is_regular] = np.abs(accelerations).max(axis=1) * x_rate**2
+    return ratios, peaks
 
 
 def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
@@ -331,12 +337,11 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
 
     targets = np.zeros(x.shape)
-    targets[:, len(end_orders)] = 1.0  # s at the end
+    targets[:, len(end_orders)] = 1.0  # s at the end: the first condition there; all others at the ends are 0
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)
-    least_singular_values = np.linalg.norm(rows, -2, axis=(1, 2))  # (m,)
-    is_regular = least_singular_values > INDEPENDENT_CONDITIONS
+    is_regular = least_singular_values(rows) > INDEPENDENT_CONDITIONS  # (m,)
     right_sides = (targets / row_sizes)[is_regular]
     return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
 

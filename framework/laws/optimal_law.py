@@ -239,22 +239,22 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         inner = self.time(self.stretch.inverse(xi[1:-1]))
         return np.concatenate(([0.0], inner, [self.duration]))
 
-    def advance(self, smoothness: int) -> float:
-        """Return the least z divided by its mean over xi.
+    def least_speed_ratio(self, smoothness: int) -> float:
+        """Return the least squared speed z divided by its mean over xi in [-1, 1].
 
-        The result is positive, so s' > 0 between the ends. z has no zeros to divide out at the ends, so that
-        `smoothness` does not matter.
+        The result is positive, so s' > 0 between the ends. s' = phi' sqrt(z) has its zeros at the ends from
+        phi', and z has none. So nothing has to be divided out, and `smoothness` is not used.
         """
-        # (k,) integrals over the local coordinate of each cell: the values at 1, where all T_k are 1, of the
-        # integral from -1
+        # (k,) integral over each cell's local coordinate in [-1, 1]: the value at 1, where all T_k are 1, of
+        # the series that is 0 at -1
         local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
-        integral = 0.5 * np.diff(self.cells) @ local_integrals
-        return least_value(self.series) / float(0.5 * integral)  # xi has the range 2
+        integral = 0.5 * np.diff(self.cells) @ local_integrals  # over xi, whose range has the length 2
+        return least_value(self.series) / float(0.5 * integral)
 
     @cached_property
     def turns(self) -> int:
         """Number of changes of s' between rising and falling, see `count_reversals`."""
-        sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
+        sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))  # at equal distances in xi
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
     def to_dict(self) -> dict[str, Any]:
@@ -370,14 +370,17 @@ class OnParameter:
         return self.motion_at(p, z, u)
 
     def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
-        """Compute [s, ds/dt, d2s/dt2], dp/dt and d2p/dt2 at p (T,) from given z and u, not the law's own."""
+        """Compute [s, ds/dt, d2s/dt2], dp/dt and d2p/dt2 at p = xi (T,) with other z and u than the law's.
+
+        z = (d sigma/dt)^2 and u = d2 sigma/dt2 [1/s^2] are values (T,) or one value for all p.
+        """
         sigma = self.law.stretch.inverse(p)
         speed = np.sqrt(z)  # d sigma/dt
         phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma
         dxi = self.law.stretch(sigma, 1)
         ddxi = self.law.stretch(sigma, 2)
-        s_rates = [phi, dphi * speed, ddphi * z + dphi * u]
-        return s_rates, dxi * speed, ddxi * z + dxi * u
+        s_motion = [phi, dphi * speed, ddphi * z + dphi * u]  # s and its time derivatives
+        return s_motion, dxi * speed, ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

@@ -206,8 +206,8 @@ class Arc(PointPath):
 def _circle_center(points: Array) -> Array:
     """Compute the centre (n,) of the circle through three points (3, n); refuse points on a line.
 
-    Both chords from the start satisfy chord . (centre - start) = |chord|^2 / 2. Of all solutions the one of
-    least norm lies in the plane of the chords.
+    Both chords from the start satisfy chord . (centre - start) = |chord|^2 / 2. Of all solutions for
+    centre - start the one of least norm lies in the plane of the chords.
     """
     start = points[0]
     chords = points[1:] - start
@@ -215,7 +215,8 @@ def _circle_center(points: Array) -> Array:
     along = (to_end @ to_via) / (to_via @ to_via) * to_via  # the part of to_end along to_via
     if np.linalg.norm(to_end - along) <= DEGENERATE_PATH * np.linalg.norm(to_end):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-    return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
+    to_center, *_ = np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))
+    return start + to_center
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -306,8 +307,8 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
+        longest = 0.5 * lengths.min()  # blend: two of them share a segment
         # the tolerance accepts a longest blend that was printed, and rounded up
-        longest = 0.5 * lengths.min()  # blend
         if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
                 f"polyline: blend must be from {SMALLEST_BLEND * longest:.2g} to {longest:.6g}, half of the "
@@ -408,7 +409,8 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
 
-    # the difference may be a share of the largest derivative, plus that of values which count as the same
+    # the means may differ from the quotients by a share of the largest derivative, and by what rounding of
+    # the values makes of a quotient
     largest = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)  # (n,)
     rounding = SAME_PLACE * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
     allowed = WRONG_DERIVATIVE * largest + rounding

@@ -229,7 +229,7 @@ def slowness_on_panels(
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
         z = evaluate_on_cells(cells, z_series, stretch(grid.times))
-        if not z.min() > 0:
+        if not z.min() > 0:  # refused below
             break
 
         slowness = grid.fit(z[:, None] ** -0.5)
@@ -242,7 +242,7 @@ def slowness_on_panels(
 
         is_coarse = truncation > np.maximum(COEFFICIENT_ROUNDING * duration, rounding)
         if not is_coarse.any():
-            if rounding.sum() > SLOWNESS_ROUNDING * duration:
+            if rounding.sum() > SLOWNESS_ROUNDING * duration:  # refused below
                 break
             return slowness
         middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]  # halve the coarse panels
@@ -271,8 +271,9 @@ class SpeedSpace(NamedTuple):
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
         """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
 
-        The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
-        method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
+        The blend is y = slow + share (quick - slow). Its duration is a convex function of the share. So
+        Newton's method from share = 0 approaches the solution from the slow side, and the share stays in
+        [0, 1]. The result is right up to rounding of the duration; `adjust` may improve it.
         """
         y = slow
         direction = quick - slow
@@ -282,7 +283,7 @@ class SpeedSpace(NamedTuple):
             linear = self._linearise_duration(y, edges)
             edges = linear.edges
             excess = linear.duration - duration
-            if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
+            if excess <= SAME_PLACE * duration:
                 break
             share -= excess / float(linear.slopes @ direction)
             y = slow + share * direction

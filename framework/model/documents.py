@@ -62,12 +62,12 @@ def parse_xml(text: str) -> Element:
     text = text.lstrip(LEADING_BLANKS)
     try:
         return _build_tree(text)
-    except RobotFileError:  # which is a ValueError
+    except RobotFileError:  # a document type or too many elements; it is a ValueError, too
         raise
     except (ParseError, ValueError) as error:
-        try:
+        try:  # again, without the faults that other parsers accept
             return _build_tree(_mend_xml(text))
-        except (ParseError, ValueError):
+        except (ParseError, ValueError):  # also a RobotFileError, which the faults have hidden so far
             raise RobotFileError(f"not well-formed XML: {error}") from None
 
 
@@ -77,9 +77,9 @@ def _build_tree(text: str) -> Element:
 
 
 def _mend_xml(text: str) -> str:
-    """Declare undeclared prefixes and empty the comments of an XML text.
+    """Return an XML text without two faults that other parsers accept.
 
-    Other parsers accept undeclared prefixes and comments with `--` in them.
+    Undeclared prefixes are declared in the root element. Comments, which may have `--` in them, are emptied.
     """
     text = erase_matches(_COMMENT, text)
     prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}

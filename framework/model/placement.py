@@ -11,8 +11,8 @@ import pinocchio as pin
 from framework.numerics.arrays import Array
 
 
-def placement(rotation: Array | None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
-    """Return the placement (4, 4) of a rotation (3, 3), if not None, and a translation (3,) [m]."""
+def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
+    """Return the placement (4, 4) of a rotation (3, 3), none by default, and a translation (3,) [m]."""
     matrix = np.eye(4)
     if rotation is not None:
         matrix[:3, :3] = rotation

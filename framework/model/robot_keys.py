@@ -125,15 +125,16 @@ class RobotReader:
     """
 
     def __init__(self, urdf: Tree, locked: Iterable[str] = ()) -> None:
-        """Collect the names of the URDF.
+        """Collect the names that keys of the file may use.
 
         Args:
             urdf: links and joints, in which locked joints are fixed.
-            locked: names of locked joints, which keys may name all the same.
+            locked: names of locked joints. Couplings, springs, dynamics and reference may name them, too, and
+                then have no effect.
         """
         self.urdf = urdf
         self.movable = [*urdf.movable, *locked]  # joints of one freedom
-        self.coordinates = [*urdf.coordinates, *locked]
+        self.coordinates = [*urdf.coordinates, *locked]  # also those of joints with several freedoms
 
     def table(self, *, is_coupled: bool) -> Table:
         """Return the keys that describe the robot on its tree.

@@ -116,14 +116,14 @@ def free_name(wanted: str, taken: set[str]) -> str:
     return wanted
 
 
-def visual_element(shape: str, words: dict[str, str], origin: Array) -> Element:
+def visual_element(shape: str, sizes: dict[str, str], origin: Array) -> Element:
     """Return the `<visual>` of a primitive shape at a placement `origin` (4, 4) in the link.
 
-    `shape` is the tag of the shape, such as box; `words` are the attributes with its size [m].
+    `shape` is the tag of the shape, such as box; `sizes` are its attributes, such as size or radius [m].
     """
     visual = Element("visual")
     visual.append(origin_element(origin))
-    SubElement(SubElement(visual, "geometry"), shape, words)
+    SubElement(SubElement(visual, "geometry"), shape, sizes)
     return visual
 
 
@@ -187,7 +187,7 @@ def fix_joint(joint: Joint, *values: float) -> None:
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone
         motion = placement(pin.exp3(rotation_vector), translation)
     elif joint.kind == "prismatic":
-        motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
+        motion = placement(translation=values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:
         motion = placement(rotation_about(joint.axis, values[0]))
     joint.origin = joint.origin @ motion

@@ -362,8 +362,9 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
     if largest_entry <= negligible:
         return
     moments = np.linalg.eigvalsh(entries / largest_entry)  # (3,) ascending; scaled against overflow
+    least, middle, largest = moments
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
-    if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
+    if least < -rounding or largest - middle - least > rounding:
         with np.errstate(over="ignore"):
             shown = ", ".join(f"{moment:.4g}" for moment in largest_entry * moments)
         raise RobotFileError(

@@ -126,14 +126,16 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
-    """Read the colour of a visual, from its material or the robot's material of the same name.
+    """Read the colour (red, green, blue, alpha) of a visual with a `material`.
 
-    `materials` are those of the robot, by name. Without any colour it is DEFAULT_COLOR.
+    If the material has no colour, the one of the same name in `materials`, those of the robot, counts.
+    Without any colour it is DEFAULT_COLOR.
     """
     if material is None:
         return DEFAULT_COLOR
-    for element in (material, materials.get(material.get("name"), material)):
-        if (color := element.find("color")) is not None:
+    of_robot = materials.get(material.get("name"))
+    for element in (material, of_robot):
+        if element is not None and (color := element.find("color")) is not None:
             red, green, blue, alpha = parse_numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha
     return DEFAULT_COLOR

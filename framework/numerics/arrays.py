@@ -58,7 +58,7 @@ def freeze(value: object) -> None:
             item.setflags(write=False)
         elif isinstance(item, tuple):
             remaining.extend(item)
-        elif not isinstance(item, ReadOnlyArrays) and is_dataclass(item):
+        elif is_dataclass(item) and not isinstance(item, ReadOnlyArrays):  # which are read-only already
             remaining.extend(vars(item).values())
 
 

@@ -24,7 +24,7 @@ MAX_DENSE = 8  # largest number of unknowns that numpy solves as fast as LAPACK 
 
 @dataclass(frozen=True, eq=False)
 class DenseFactors:
-    """Square matrices (T, k, k), solved one by one; the same methods as `BandFactors`."""
+    """Square matrices (T, k, k) of few unknowns, solved without a band; the same methods as `BandFactors`."""
 
     matrices: Array
 
@@ -36,9 +36,10 @@ class DenseFactors:
         """
         if not right.size:
             return np.empty(right.shape)
-        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
+        # numpy solves each matrix for all its right-hand sides at once: the columns of (T, k, sides)
+        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)
         solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
-        return solution.transpose(2, 0, 1).reshape(right.shape)
+        return solution.transpose(2, 0, 1).reshape(right.shape)  # back to (..., T, k)
 
     def solve_transposed(self, right: Array) -> Array:
         """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the transposed matrices.
@@ -106,23 +107,24 @@ class Band(ReadOnlyArrays):
         return 2 * self.lower + self.upper + 1
 
     def fill(self, values: Array) -> Array:
-        """Return the dense matrices (T, k, k) with entries `values` (T, E)."""
+        """Return the dense matrices (T, k, k) with `values` (T, E) of the pattern's E entries."""
         matrices = np.zeros((len(values), self.size, self.size))
         matrices[:, self.row, self.column] = values
         return matrices
 
     def factor(self, values: Array) -> Factors:
-        """Factorise the matrices with entries `values` (T, E)."""
+        """Factorise the T matrices with `values` (T, E) of the pattern's E entries."""
         if self.size <= MAX_DENSE:
             return DenseFactors(self.fill(values))
         from scipy.linalg.lapack import dgbtrf
 
         count = len(values)
+        # LAPACK's storage of an instant: the k columns of the band one by one, each of `height` numbers
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
         storage = band.reshape(count * self.size, self.height).T  # (height, T k) with adjacent columns
-        lu, pivots, singular = dgbtrf(storage, self.lower, self.upper, overwrite_ab=1)
-        return BandFactors(self, values, lu, pivots, singular)
+        lu, pivots, first_zero_pivot = dgbtrf(storage, self.lower, self.upper, overwrite_ab=1)
+        return BandFactors(self, values, lu, pivots, first_zero_pivot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +135,7 @@ class BandFactors:
     values: Array  # (T, E) entries of the matrices
     lu: Array  # (height, T k) LU factors in LAPACK's storage
     pivots: IntArray  # (T k,)
-    singular: int  # column of the first zero pivot, counted from 1; 0 without one
+    first_zero_pivot: int  # its column, counted from 1; 0 if no pivot is zero
 
     def solve(self, right: Array) -> Array:
         """Compute solutions (..., T, k) for right-hand sides (..., T, k).
@@ -163,8 +165,9 @@ class BandFactors:
         """
         from scipy.linalg.lapack import dgbtrs
 
-        if self.singular:
-            raise np.linalg.LinAlgError(f"singular matrix at instant {(self.singular - 1) // self.band.size}")
+        if self.first_zero_pivot:
+            instant = (self.first_zero_pivot - 1) // self.band.size
+            raise np.linalg.LinAlgError(f"singular matrix at instant {instant}")
         if not right.size:
             return np.empty(right.shape)
         # all instants in the order of the band, (T k, right-hand sides)

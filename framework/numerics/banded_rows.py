@@ -20,23 +20,25 @@ def banded_rows(values: Array, columns: IntArray, count: int) -> Any:
     from scipy.sparse import csr_array
 
     T, R, W = values.shape
-    starts = np.arange(0, T * R * W + 1, W)
-    return csr_array((values.ravel(), np.repeat(columns, R, axis=0).ravel(), starts), shape=(T * R, count))
+    all_columns = np.repeat(columns, R, axis=0)  # (T R, W)
+    row_starts = np.arange(0, T * R * W + 1, W)  # index of each row's first entry, then the count of all
+    return csr_array((values.ravel(), all_columns.ravel(), row_starts), shape=(T * R, count))
 
 
 def column_sizes(rows: Any) -> Array:
     """Compute the Euclidean norms (C,) of the columns of a sparse matrix."""
-    return np.sqrt(np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1]))
+    squares = np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1])  # summed by column
+    return np.sqrt(squares)
 
 
 class BandedFactor(NamedTuple):
-    """Cholesky's factor of a banded matrix, as lower diagonals (W, C)."""
+    """The Cholesky factor L (C, C) of a symmetric matrix L L' with W diagonals from the main one down."""
 
-    diagonals: Array
+    diagonals: Array  # (W, C) of L, in scipy's lower form: row d is the d-th diagonal below the main one
 
     @staticmethod
     def factor_squares(rows: Any, added: float) -> BandedFactor:
-        """Factor B'B + added I of rows B by Cholesky's method.
+        """Factor B'B + added I (C, C) of rows B (rows, C) by Cholesky's method.
 
         Rows with entries in the same columns form a group, whose products of entries are added at once.
 
@@ -48,7 +50,8 @@ class BandedFactor(NamedTuple):
 
         width = int(rows.indptr[1])  # W, the number of entries of a row
         entries = rows.data.reshape(-1, width)
-        columns, first_rows = np.unique(rows.indices[::width], return_index=True)  # rows in the same columns
+        # of each group, rows in the same columns: its first column, and its first row
+        columns, first_rows = np.unique(rows.indices[::width], return_index=True)
         groups = np.split(entries, first_rows[1:])
         products = np.stack([group.T @ group for group in groups])  # (groups, W, W)
         diagonals = np.zeros((width, rows.shape[1]))  # diagonal d below the main one in row d
@@ -59,7 +62,8 @@ class BandedFactor(NamedTuple):
         return BandedFactor(cholesky_banded(diagonals, lower=True, check_finite=False))
 
     def solve(self, right: Array) -> Array:
-        """Solve for right sides (C, k)."""
+        """Solve L L' y = right for y (C, k), with k right sides (C, k)."""
         from scipy.linalg import cho_solve_banded
 
-        return np.asarray(cho_solve_banded((self.diagonals, True), right, check_finite=False))
+        is_lower = True  # the factor is L, not its transpose
+        return np.asarray(cho_solve_banded((self.diagonals, is_lower), right, check_finite=False))

@@ -263,9 +263,11 @@ class TimeGrid(ReadOnlyArrays):
             edges: ends of the panels (panels + 1,) [s].
             size: least number of nodes on each panel.
         """
+        if not len(instants):  # any nodes will do
+            return TimeGrid(edges, size)
         best_size = size
         best_distance = -1.0
-        for candidate in range(size, size + 6) if len(instants) else ():  # any nodes will do without instants
+        for candidate in range(size, size + 6):
             times = _nodes_between(edges, candidate)
             distance = float(np.abs(times - instants[:, None]).min()) * candidate  # relative to 1 / candidate
             if distance > best_distance * 1.001:  # by more than rounding

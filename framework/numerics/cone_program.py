@@ -1,4 +1,4 @@
-"""Second-order cone programs in named unknowns, and least squares over semidefinite matrices.
+"""Second-order cone programs in named unknowns, and vectors of least norm under semidefinite constraints.
 
 This is the only module that calls the solver (Clarabel: Goulart and Chen 2024, arXiv 2405.12762).
 """
@@ -200,23 +200,25 @@ class LinearMatrix(NamedTuple):
     offset: Array  # (k, k)
 
 
-def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
-    """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
+def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affine) -> Array | Unsolved:
+    """Compute the y (n,) of least norm at which `matrices` are positive semidefinite.
 
-    The result is the solver's status if it finds no such y.
+    The values of `not_negative` must not be negative at y, either. If the solver finds no such y, its status
+    is returned.
 
     Args:
         matrices: matrices (k, k) that are affine in y.
-        positive: affine function of y whose values must not be negative.
+        not_negative: affine function of y.
     """
     import clarabel
     from scipy import sparse
 
     cones = [
-        clarabel.NonnegativeConeT(len(positive.offset)),
+        clarabel.NonnegativeConeT(len(not_negative.offset)),
         *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
     ]
-    slack = [positive, *map(_upper_triangle, matrices)]
+    # affine functions of y whose values Clarabel calls the slack b - A y, one for each of these cones
+    slack = [not_negative, *map(_upper_triangle, matrices)]
     # solve for y / scale, so that the largest slope of every matrix is at least 1: the solver would stop too
     # early with small slopes
     largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
@@ -224,8 +226,8 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     A = sparse.csc_array(-scale * np.concatenate([part.matrix for part in slack]))
     b = np.concatenate([part.offset for part in slack])
     n = A.shape[1]
-    squares = sparse.csc_array(np.eye(n))
-    solution = clarabel.DefaultSolver(squares, np.zeros(n), A, b, cones, _settings()).solve()
+    identity = sparse.csc_array(np.eye(n))  # the cost is |y / scale|^2 / 2, without a linear part
+    solution = clarabel.DefaultSolver(identity, np.zeros(n), A, b, cones, _settings()).solve()
     status = str(solution.status)
     return scale * np.array(solution.x) if status in SOLVED else Unsolved(status)
 

@@ -25,7 +25,10 @@ SMALL_STACK = 300  # numbers in both arguments together, below which numpy's cal
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute the sums (...) of products a b (..., n) over the last axis; other axes are broadcast."""
+    """Compute the sums (...) of products a b (..., n) over the last axis; other axes are broadcast.
+
+    Small and large stacks are summed in the same order, in the way that is faster for each.
+    """
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
     if a.size + b.size < SMALL_STACK:  # as few calls of numpy as possible
@@ -68,6 +71,11 @@ def solve(matrix: Array, right: Array) -> Array:
 def singular_values(matrices: NDArray[Any]) -> Array:
     """Compute the singular values (..., k) of matrices (..., m, n), the largest first."""
     return np.linalg.svd(matrices, compute_uv=False)
+
+
+def least_singular_values(matrices: NDArray[Any]) -> Any:
+    """Compute the least singular values (...) of matrices (..., m, n); a number for a single matrix."""
+    return singular_values(matrices)[..., -1]
 
 
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:

@@ -14,7 +14,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values, split_row_space
+from framework.numerics.ordered_sums import least_singular_values, singular_values, split_row_space
 from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 
@@ -41,23 +41,26 @@ class Polytope(ReadOnlyArrays):
         return np.all(points @ self.normals.T <= self.offsets + self.rounding, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t with t direction (n,) inside; NaN if no t is.
+        """Compute the least and the largest t at which the point t direction (n,) is inside.
 
-        Both are infinite where the polytope is unbounded. Each half-space is slope t <= offset with slope =
-        normal . direction. It bounds t from above if the slope is positive, and from below if it is negative.
-        Without a slope it holds for all t or for none.
+        Both are NaN if the line of these points misses the polytope. A value is infinite where the polytope
+        is unbounded. On the line a half-space is slope t <= offset, with slope = normal . direction. It
+        bounds t from above if the slope is positive, and from below if it is negative. If the slope is zero,
+        the half-space contains the whole line or none of it.
         """
-        slope = self.normals @ direction
-        least_slope = RANK_ROUNDING * np.linalg.norm(direction)
+        slope = self.normals @ direction  # (h,)
+        least_slope = RANK_ROUNDING * np.linalg.norm(direction)  # a smaller slope is rounding of zero
         is_upper = slope > least_slope
         is_lower = slope < -least_slope
-        if np.any(self.offsets[~(is_upper | is_lower)] < -self.rounding):
+        is_parallel = ~(is_upper | is_lower)
+        if np.any(self.offsets[is_parallel] < -self.rounding):  # not even t = 0 is inside
             return np.nan, np.nan
         low = float((self.offsets[is_lower] / slope[is_lower]).max(initial=-np.inf))
         high = float((self.offsets[is_upper] / slope[is_upper]).min(initial=np.inf))
         if low <= high:
             return low, high
-        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))  # up to rounding
+        # rounding alone may put `low` above `high` where the line touches the polytope at one point
+        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))
         return (high, high) if touches else (np.nan, np.nan)
 
     def axis_ranges(self) -> Array:
@@ -82,6 +85,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     all n dimensions, normals orthogonal to them make the zonotope flat.
     """
     span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
+    # (1, n) each, found in the r coordinates of the span
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     half_of_normals = np.concatenate([across, *facet_normals])  # one of each opposite pair
     normals = _remove_repeated(np.concatenate([half_of_normals, -half_of_normals]))
@@ -112,10 +116,10 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     rounding = RANK_ROUNDING * singular_values(rows).max(initial=0.0)
     in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
     signs = sign_combinations(rank)  # (2^r, r)
-    corners = [np.zeros((0, rows.shape[1]))]
+    corners = [np.zeros((0, rows.shape[1]))]  # the only ones without a rank
     for subset in combinations(range(len(rows)), rank) if rank else ():
         chosen = list(subset)
-        if singular_values(in_span[chosen])[-1] > rounding:  # the least: the rows are independent
+        if least_singular_values(in_span[chosen]) > rounding:  # the rows are independent
             coordinates = np.linalg.solve(in_span[chosen], (signs * limits[chosen]).T)  # (r, 2^r)
             corners.append(coordinates.T @ span)
     points = np.concatenate(corners)
@@ -143,10 +147,10 @@ def _facet_normals(generators: Array) -> list[Array]:
     Each set has two opposite normals, of which one is returned.
     """
     n = generators.shape[1]
-    if n == 1:
-        return [np.ones(1)]
+    if n < 2:  # on a line the normal is the line itself; a point has none
+        return [np.ones(1)] * n
     normals = []
-    for subset in combinations(range(len(generators)), n - 1) if n else ():
+    for subset in combinations(range(len(generators)), n - 1):
         _, values, V_rows = np.linalg.svd(generators[list(subset)])
         if values.min() > RANK_ROUNDING * values.max():
             normals.append(V_rows[-1])  # the null space of the set

@@ -75,7 +75,7 @@ def left_jacobian_coefficients(square: Array) -> Array:
         The first axis selects a or b, the second the value or the derivative with respect to t^2.
     """
     is_small = square < 1.0
-    # Horner's rule: a matrix product would round differently in stacks of different length
+    # the power series in t^2, by Horner's rule: a matrix product would round differently in other stacks
     series: Array = polynomial.polyval(np.where(is_small, square, 0.0), _SERIES)
     if is_small.all():
         return series

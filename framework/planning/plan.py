@@ -173,7 +173,7 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
     Args:
         plan: with the polynomial, within the limits.
     """
-    advance = plan.law.advance(plan.request.smoothness)
+    advance = plan.law.least_speed_ratio(plan.request.smoothness)
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
@@ -311,7 +311,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     plan = plan_polynomial(to_cross, request)
-    advance = plan.law.advance(request.smoothness)
+    advance = plan.law.least_speed_ratio(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"

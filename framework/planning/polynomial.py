@@ -18,7 +18,7 @@ from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
-from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
+from framework.laws.law import Law, MotionLaw, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
@@ -43,7 +43,8 @@ PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds a
 
 ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
 MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
-# `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
+# `Law.least_speed_ratio` (least speed over the mean, without the zeros at the ends) that a chosen law should
+# have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
@@ -208,7 +209,7 @@ def _check_advance(
     Raises:
         NoLaw: as `check_advance`.
     """
-    if law.advance(request.smoothness) <= 0:  # otherwise the law advances at all times
+    if law.least_speed_ratio(request.smoothness) <= 0:  # otherwise the law advances at all times
         check_advance(law, [crossing.s for crossing in crossings], name)
 
 
@@ -314,7 +315,7 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
         for k, (_, condition) in enumerate(crossings):
             accelerations[:, k] = condition.acceleration(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
-        return advances_and_peaks(duration, request.smoothness, times, values)
+        return speed_ratios_and_peaks(duration, request.smoothness, times, values)
 
     return choose_timing(s, request, measure, to_cross.branch.robot.name)
 
@@ -333,7 +334,8 @@ def choose_timing(
 
     Args:
         measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns
-            `Law.advance` (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `advances_and_peaks` does.
+            `Law.least_speed_ratio` (m,) and the peak (m,) of |s"| [1/s^2] of each law, as
+            `speed_ratios_and_peaks` does.
         name: name of the robot, for messages.
 
     Raises:

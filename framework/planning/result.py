@@ -273,7 +273,7 @@ def certified_plan(
                 condition=condition,
             )
         )
-    certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
+    certificate = replace(dynamics.certificate, monotone=law.least_speed_ratio(request.smoothness) > 0)
     return CrossingPlan(
         dynamics.robot,
         request,

@@ -89,7 +89,8 @@ def bordered_solution(matrices: Array, *, border_of: int, size: int = 1) -> Bord
     """Solve the bordered systems of matrices (T, n, n) with the border of one matrix.
 
     Args:
-        border_of: index (0 .. T - 1) of the matrix whose singular vectors are the border.
+        border_of: index (0 .. T - 1) of the matrix whose singular vectors, those of its `size` least singular
+            values, are the border.
         size: number of columns of the border.
     """
     return solve_bordered(matrices, Border.of(matrices[border_of], size))

@@ -141,7 +141,7 @@ class LocusEquations:
                 configuration has the border of its own P.
         """
         robot = self.robot
-        linearised = linearised_at(robot, q, None)
+        linearised = linearised_at(robot, q)
         P = passive_matrix(robot, linearised)
         measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
         gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
@@ -149,7 +149,7 @@ class LocusEquations:
         slopes = [
             independent_loops_matrix(robot, linearised),
             self._offset_slopes(linearised) * robot.column_scale,
-            measure.by_q[:, None] * robot.column_scale,
+            measure.by_q[:, None] * robot.column_scale,  # dg/dq
         ]
         return Evaluated(
             values=np.concatenate([gaps, self._fixed_offsets(linearised), measure.g[:, None]], axis=1),
@@ -307,7 +307,8 @@ def passes_point(equations: LocusEquations, curve: Points, point: Points) -> boo
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
-    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
+    from_start = -offsets[:-1]  # from the start of each chord to the point
+    distance = np.linalg.norm(chord_offsets(from_start, chord), axis=1)
     is_close = distance < MAX_CURVE_OFFSET * length
     is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
     return bool(np.any(is_close & is_step))

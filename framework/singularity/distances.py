@@ -15,7 +15,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 
@@ -53,7 +53,7 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    sigma_A = singular_values(A)[:, -1]  # (T,)
+    sigma_A = least_singular_values(A)  # (T,)
     if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)
@@ -103,8 +103,8 @@ def _worst_torques(
     moves_point = np.abs(V_rows[:, :, translations]).max(axis=2) > RANK_LOST  # (T, n)
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
 
-    norm = singular_values(torques)[:, 0]
-    largest = np.linalg.norm(torques, axis=1).max(axis=1)
+    norm = singular_values(torques)[:, 0]  # the largest ones: over all directions of the force
+    largest = np.linalg.norm(torques, axis=1).max(axis=1)  # over all directions, then over the motors
     return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)
 
 

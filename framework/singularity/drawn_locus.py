@@ -73,7 +73,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     if len(translations) != 3 or not has_signed_measure(robot):
         return None
     try:
-        _, gradients = _measure_in_space(robot, linearised_at(robot, q[None], None))
+        _, gradients = _measure_in_space(robot, linearised_at(robot, q[None]))
     except NotAssembled:  # also a Type 1 singularity, where the platform's motion determines no gradient
         return None
     # a grid on the tangent plane

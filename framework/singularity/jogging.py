@@ -30,7 +30,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.laws.path import Line
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
 # Least singular value over its usual size, below which a pose is near singular, or singular.
@@ -105,7 +105,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         kind = "type_1"
         verdict = _TYPE_1_VERDICTS[level].format(joint=weakest_leg(robot, linearised))
 
-    has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
+    has_measure = robot.n_p > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     return JoggedPose(
@@ -202,6 +202,7 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
     if place.shape != (3,) or not np.all(np.isfinite(place)):
         raise InvalidInput("place: needs three finite numbers")
     target = assembled_at(robot, q).x[0].copy()
+    # the translations among the coordinates, each along one of the base axes
     target[robot.platform.sliding] = place[robot.platform.along]
     return move_platform_straight(robot, q, target)
 
@@ -294,8 +295,8 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def stop_before(angle: float, sign: float) -> Array:
         """Compute q (nq,) just before a singularity, else at the start.
 
-        The motor stops MOTOR_STOP_DISTANCE before the singularity. While no pose can be computed there, it
-        goes back by tenfold longer distances.
+        The motor stops MOTOR_STOP_DISTANCE before the singularity. While `turn` can compute no pose there,
+        the motor goes back by tenfold longer distances.
 
         Args:
             angle: size of the motor's turn to the singularity [rad, m].
@@ -336,5 +337,5 @@ def _check_request(index: int, count: int, value: float) -> None:
 
 def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
     """Compute the least singular values of the Type 1 matrix and of P at one pose (T = 1)."""
-    type1_values = singular_values(type1_matrix(robot, linearised)[0])
-    return float(type1_values[-1]), float(clearance(robot, linearised)[0])
+    type1_values = least_singular_values(type1_matrix(robot, linearised))  # (1,)
+    return float(type1_values[0]), float(clearance(robot, linearised)[0])

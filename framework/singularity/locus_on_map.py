@@ -75,11 +75,12 @@ class MapLocus(ReadOnlyArrays):
             return f"not traced: {self.why_not}"
         count = len(self.curves)
         curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
-        signs = "g does not change its sign"
         if self.sign_changes:
             missed = len(self.unexplained)
             rest = f"at {missed} no curve passes" if missed else "all explained"
             signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
+        else:
+            signs = "g does not change its sign"
         return f"{curves} traced; {signs}; completeness is not claimed"
 
 
@@ -161,7 +162,7 @@ def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> Array:
     """Compute the working modes (e, legs), a sign for each leg, at indices i, j (e, 2) of the map."""
-    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices), None))
+    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices)))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:

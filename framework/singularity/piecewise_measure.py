@@ -24,7 +24,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
@@ -199,7 +199,7 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         g = solution.g
         largest = np.abs(g).max()
         # det G of a wide border is also small where all singular values of G are small but not zero
-        if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
+        if largest < RANK_LOST and least_singular_values(solution.G).max() < RANK_LOST:
             raise SingularPath(
                 f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"
@@ -288,9 +288,9 @@ class Extremum(NamedTuple):
         Args:
             test: returns for values g (T,) which of them pass, (T,).
         """
-        room = abs(end - self.s)  # in s
-        doublings = np.ceil(np.log2(max(room / SAME_PLACE, 1.0)))
-        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), room)
+        to_end = abs(end - self.s)  # in s
+        doublings = np.ceil(np.log2(max(to_end / SAME_PLACE, 1.0)))  # of a distance, to the end at last
+        distances = np.minimum(SAME_PLACE * 2.0 ** np.arange(doublings + 1), to_end)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):

@@ -25,7 +25,7 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     VANISHING_TOGETHER,
@@ -99,11 +99,11 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
     type1 = _measure_type_1(branch)
-    if not len(robot.following):  # every joint has a motor: no motion escapes
+    if not robot.n_p:  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
 
     # the Type 2 matrix on the same branch: P, or with redundant motors P'P, whose singular values are squares
-    is_square = len(robot.loops.names) == len(robot.following)
+    is_square = len(robot.loops.names) == robot.n_p
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
@@ -231,7 +231,7 @@ def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
     neighbours = knots[max(k - 1, 0) : k + 1]
     candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
     matrices = type1.matrix(type1.linearise_guesses(candidates))  # also where the loops do not close
-    least_values = singular_values(matrices)[:, -1]
+    least_values = least_singular_values(matrices)
     return float(candidates[np.argmin(least_values)])
 
 
@@ -286,7 +286,7 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     branch = type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
-    type1_value = singular_values(type1.matrix(linearised)[0])[-1]
+    type1_value = least_singular_values(type1.matrix(linearised)[0])
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
     # Type 1 if only its own matrix is singular. s is exact only to rounding, so its least value is not zero
     # and serves as the measure of that rounding, with a margin of 1e2.
@@ -332,7 +332,7 @@ def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, co
         corank: number of motions that escape at s.
     """
     if corank > 1:
-        return float(singular_values(block_slopes(passive.evaluate, s, corank).slope)[-1])
+        return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
     points = stencil(s)
     P = passive.matrix(linearised)  # (3, n_p, n_p)
     local = differentiate_g(P, points)

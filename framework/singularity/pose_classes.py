@@ -49,7 +49,7 @@ from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
@@ -198,7 +198,7 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 
 def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
-    return float(clearance(robot, linearised_at(robot, q[None], None))[0])
+    return float(clearance(robot, linearised_at(robot, q[None]))[0])
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -231,7 +231,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     # central differences of G; to first order the loops stay closed
     steps = DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])  # along the unit motion
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps[:, None] * unit_rates)
-    matrices = type2_matrix(robot, linearised_at(robot, poses, None))
+    matrices = type2_matrix(robot, linearised_at(robot, poses))
     G_back, _, G_ahead = bordered_solution(matrices, border_of=1, size=corank).G
     slope = (G_ahead - G_back) / (2 * DIFFERENCE_STEP)
-    return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"
+    return "transversal" if least_singular_values(slope) > TANGENTIAL_SLOPE else "tangential"

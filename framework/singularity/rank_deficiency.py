@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 
 from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,
@@ -108,7 +108,7 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
         resolved: the panels of g along the whole path.
         known: the contacts.
     """
-    least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
+    least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (PANEL_NODES,) each
     # no near miss above this share of the largest; with power 2 singular values are squares
     level = NEAR_MISS**measured.power * np.max(least_values)
     candidates = [
@@ -140,7 +140,7 @@ def _miss_at_extremum(
         known: the contacts of the path.
         level: least singular value at the start above which there is no near miss.
     """
-    if singular_values(matrix)[-1] >= level:
+    if least_singular_values(matrix) >= level:
         return None
     size = measured.border_width(matrix)
     extremum = extremum_near(measured.evaluate, measured.knots, start, size)
@@ -169,7 +169,7 @@ def _miss_at_end(
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
-    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
+    if least_singular_values(matrix) >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
     # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
     width = float(0.5 * panel.width * abs(value / slope))
@@ -256,10 +256,10 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
             break
 
     # slopes of the singular values, relative to the curvature of G if this is large
-    slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
-    kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
+    largest_slope, *_, least_slope = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
+    kind = "transversal" if least_slope > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly
-    if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
+    if largest_slope < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
         kind = "tangential"
     # small singular values need not vanish

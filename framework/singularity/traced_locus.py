@@ -188,7 +188,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     """
     robot = equations.robot
     points = curve.points
-    linearised = linearised_at(robot, points.q, None)
+    linearised = linearised_at(robot, points.q)
     x = robot.platform.coordinates(linearised.frames)
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
@@ -260,17 +260,20 @@ def root_between(
     """
     from scipy.optimize import brentq
 
-    chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))
-    curvature = (end.tangent - start.tangent) / chord
-    corrected = list[Points]()
+    chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))  # length [rad, robot lengths]
+    curvature = (end.tangent - start.tangent) / chord  # (1, k) of the curve between both, for the predictor
+    corrected = list[Points]()  # points of the curve computed so far, the last one nearest to the root
 
     def value_at(share: float) -> float:
-        """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
+        """Correct the point at a share of the chord; return its measure, with a value up to `small` as 0.
+
+        The point is appended to `corrected`. Where the corrector fails, 0 is returned.
+        """
         if share in (0.0, 1.0):  # the neighbours themselves, without another correction
             return measure(end if share else start)
         point = advance(equations, start, share * chord, curvature)
         if point is None:
-            return 0.0  # ends the iteration
+            return 0.0  # a root to Brent's method, which ends the iteration
         corrected.append(point)
         value = measure(point)
         return value if abs(value) > small else 0.0
@@ -383,15 +386,19 @@ class Region(NamedTuple):
         Each determinant is multiplied by the sign that it has in the `mode` (legs,).
         """
         robot = self.equations.robot
-        return (leg_determinants(robot, linearised_at(robot, q, None)) * mode).min(axis=1)
+        return (leg_determinants(robot, linearised_at(robot, q)) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
-        """Return the part of a curve in the working mode, ending next to Type 1 singularities."""
+        """Return the part of a curve in the region's working mode.
+
+        A curve that left the region may have left its mode through a Type 1 singularity. There it is cut. In
+        a region of all modes the curve stays whole.
+        """
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
         first_end, last_end = curve.ends
-        if first_end == "left":
+        if first_end == "left":  # tracing stopped outside the region, or the mode
             points = self._clip_end(points.reverse_order(), self.mode).reverse_order()
         if last_end == "left":
             points = self._clip_end(points, self.mode)
@@ -425,7 +432,7 @@ def draw_in_mode(region: Region, count: int) -> Array:
     robot = equations.robot
     # platform axes to move; if two motors are the freedoms, the platform may move along all of its axes
     axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
-    spread = np.where(robot.translations[axes], region.reach, np.pi)
+    spread = np.where(robot.translations[axes], region.reach, np.pi)  # [m, rad] farthest target on each axis
     displacement = np.zeros((count, robot.n))  # from the centre to the targets
     displacement[:, axes] = np.random.default_rng(0).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
@@ -443,6 +450,6 @@ def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
     Slides move by up to a length of the robot. The loops are not closed.
     """
     robot = equations.robot
-    spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)
+    spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)  # [robot lengths, rad] longest step of a joint
     steps = np.random.default_rng(0).uniform(-spread, spread, (count, len(spread)))
     return equations.move(q, steps)

@@ -107,13 +107,15 @@ def escaping_motions(
         at_least: least number of motions to return, even if their singular values are not small.
     """
     P = passive_matrix(robot, linearised)[0]
-    lost = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
-    motions = passive_motion(robot, lost)  # (c, nv)
+    # (c, n_p) dimensionless passive rates; none without passive joints
+    null_vectors = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
+    corank = len(null_vectors)  # c
+    motions = passive_motion(robot, null_vectors)  # (c, nv)
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
-    # usually there are as many freedoms as moving joints minus independent loop equations
+    # freedoms beyond the usual number, that of moving joints minus that of independent loop equations
     gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
-    twists = linearised.frames.frame_jacobian(0)[0].T.copy()  # (nv, 6) of the platform for unit joint rates
-    twists[:, :3] /= robot.length
+    twists = linearised.frames.frame_jacobian()[0].T.copy()  # (nv, 6) of the platform for unit joint rates
+    twists[:, :3] /= robot.length  # linear velocities in lengths of the robot
 
     # number of independent motions of the platform: in all directions, and along its axes
     rank = _count_rank(motions @ twists)
@@ -126,14 +128,14 @@ def escaping_motions(
         kinds.add("constraint" if gains_freedom else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
-    if len(lost) > gained:  # more motions escape than the loops have gained
+    if corank > gained:  # more motions escape than the loops have gained
         # of the motions gained, those of a closure singularity do not move the platform
         gained_by_platform = 0 if "closure" in kinds else gained
         if rank_on_axes > gained_by_platform:
             kinds.add("type_2")
-        if len(lost) > max(rank, gained):  # the platform rests in some motions
+        if corank > max(rank, gained):  # the platform rests in some motions
             kinds.add("leg_passive")
-    return EscapingMotions(frozenset(kinds), motions, len(lost), freedoms.shape[1])
+    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
 
 
 def _count_rank(rows: Array) -> int:
@@ -170,7 +172,7 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
     """Return whether g has a sign, with passive joints and no redundant motors."""
-    return len(robot.following) > 0 and robot.n_a == robot.n
+    return robot.n_p > 0 and robot.n_a == robot.n
 
 
 class SingularityMeasure(NamedTuple):

@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial, chebyshev
 
 from framework import Condition, InvalidInput, Law
-from framework.laws.law import advances_and_peaks
+from framework.laws.law import speed_ratios_and_peaks
 
 EPS = np.finfo(float).eps
 DURATION = 1.5
@@ -158,13 +158,13 @@ def law_with_slope(smoothness: int, factor: Polynomial) -> Law:
 def test_advance_is_positive_exactly_for_laws_that_advance(smoothness, place, depth):
     # the factor's least value on [0, T] is `depth`, at `place`, however near to an end
     law = law_with_slope(smoothness, Polynomial([place**2 + depth, -2 * place, 1]))
-    assert np.sign(law.advance(smoothness)) == np.sign(depth)
+    assert np.sign(law.least_speed_ratio(smoothness)) == np.sign(depth)
 
 
 @pytest.mark.parametrize("smoothness", [2, 4])
 def test_advance_is_the_least_slope_over_the_mean_one(smoothness):
     law = law_with_slope(smoothness, Polynomial([1.0]))
-    assert law.advance(smoothness) == pytest.approx(1.0, abs=1e-9)  # the ends are divided out
+    assert law.least_speed_ratio(smoothness) == pytest.approx(1.0, abs=1e-9)  # the ends are divided out
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -176,7 +176,7 @@ def test_advance_agrees_with_a_fine_look_at_random_laws(seed):
         law = Law.rest_to_rest(DURATION, 2, inner)
         least = (law(t, 1) / (t * (DURATION - t)) ** 2).min()
         if abs(least) > 0.05:  # what 4001 samples and the outermost hundredths decide for sure
-            assert np.sign(law.advance(2)) == np.sign(least)
+            assert np.sign(law.least_speed_ratio(2)) == np.sign(least)
 
 
 @pytest.mark.parametrize("smoothness", [2, 4])
@@ -185,7 +185,7 @@ def test_how_laws_advance_and_their_peaks_are_known_without_them(smoothness, cou
     rng = np.random.default_rng(count)
     times = DURATION * (np.arange(1, count + 1) + rng.uniform(-0.2, 0.2, (6, count))) / (count + 1)
     values = rng.uniform(0.2, 1.5, (6, count, 3))
-    advances, peaks = advances_and_peaks(DURATION, smoothness, times, values)
+    advances, peaks = speed_ratios_and_peaks(DURATION, smoothness, times, values)
     for k in range(6):
         inner = [c for t, value in zip(times[k], values[k], strict=True) for c in crossing(t, *value)]
         law = Law.rest_to_rest(DURATION, smoothness, inner)
@@ -193,7 +193,7 @@ def test_how_laws_advance_and_their_peaks_are_known_without_them(smoothness, cou
         slopes = law(t, 1) / (4.0 * t * (DURATION - t) / DURATION**2) ** smoothness
         # a polynomial between 16 samples a coefficient: (pi / 16)^2 / 8 of its size at most
         missed = 0.005 * np.abs(slopes).max() / np.abs(slopes).mean()
-        assert -1e-9 <= advances[k] - law.advance(smoothness) <= missed
+        assert -1e-9 <= advances[k] - law.least_speed_ratio(smoothness) <= missed
         assert 0.98 * np.abs(law(t, 2)).max() <= peaks[k] <= 1.00001 * np.abs(law(t, 2)).max()
 
 
@@ -205,12 +205,12 @@ def test_no_law_advances_through_a_point_twice(smoothness, count):
     values = np.stack([times / DURATION, np.ones_like(times), np.zeros_like(times)], axis=2)
     for k in range(1, count):  # the last law keeps its times
         times[k - 1, k], values[k - 1, k] = times[k - 1, k - 1], values[k - 1, k - 1]
-    advances, peaks = advances_and_peaks(DURATION, smoothness, times, values)
+    advances, peaks = speed_ratios_and_peaks(DURATION, smoothness, times, values)
     np.testing.assert_array_equal(advances[:-1], -np.inf)
     np.testing.assert_array_equal(peaks[:-1], np.inf)
     assert np.isfinite([advances[-1], peaks[-1]]).all()
 
 
 def test_no_laws_have_no_measures():
-    advances, peaks = advances_and_peaks(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
+    advances, peaks = speed_ratios_and_peaks(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
     assert advances.shape == peaks.shape == (0,)

@@ -24,7 +24,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # in s, of a continuation; the first accurate one is used
@@ -194,7 +194,8 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     closed configurations at the sound nodes. The error is the largest of misfit, residual and truncation
     error.
     """
-    robot, lengths = branch.robot, branch.robot.column_scale
+    robot = branch.robot
+    units = robot.column_scale  # (nv,) by which offsets become dimensionless: [m] of slides, 1 of turns
     s_nodes = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)  # (nodes,)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)  # (nodes, degree + 1)
     sound, offsets = _trusted_offsets(branch, s_nodes)  # (k,) indices, (k, nv)
@@ -203,11 +204,11 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     # (degree + 1, nv) by least squares
     series = np.asarray(np.linalg.lstsq(basis[sound], offsets, rcond=None)[0], dtype=float)
 
-    misfit = np.abs((basis[sound] @ series - offsets) / lengths).max()
+    misfit = np.abs((basis[sound] @ series - offsets) / units).max()
     q = integrate(robot, branch.origin, basis @ series)
     residual = np.abs(linearised_at(robot, q, branch.path(s_nodes)).residual).max() / robot.length
     # `tail` is relative to the largest coefficient
-    truncation = np.abs(series / lengths).max() * tail(series / lengths)
+    truncation = np.abs(series / units).max() * tail(series / units)
     error = float(max(misfit, residual, truncation))
     return Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
 
@@ -227,7 +228,7 @@ def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
     robot = branch.robot
     x, guess = branch.path(s_nodes), branch.guess(s_nodes)
     matrices = type1_matrix(robot, linearised_at(robot, guess, x))
-    least = singular_values(matrices)[:, -1]  # (nodes,)
+    least = least_singular_values(matrices)  # (nodes,)
     sound = np.flatnonzero(least > SOUND_NODE_RATIO * least.max())
     try:
         closed = close_loops(robot, x[sound], guess[sound])

@@ -75,7 +75,7 @@ def forward_kinematics(
     check_motors_are_free(robot)
     start = start_pose(robot, near)
     end = follow_curves(robot, start.curve, start.linearised, target[None])
-    linearised = linearised_at(robot, end.q, None)
+    linearised = linearised_at(robot, end.q)
     if end.share[0] < 1.0:  # the motors have not arrived
         raise curve_end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
@@ -101,7 +101,7 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
     )
 
 
-def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
+def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None = None) -> ForwardPose:
     """Return the assembled configuration `near` (nq,), the reference by default, as the start of a curve.
 
     Raises:
@@ -124,7 +124,7 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 def motors_are_free(robot: ParallelRobot) -> bool:
     """Return whether each motor can move while all others rest: P is square and n_a = n."""
-    return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
+    return robot.n_a == robot.n and robot.n_p == len(robot.loops.names)
 
 
 def curve_end_error(
@@ -177,14 +177,14 @@ def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
     expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
-    start = start_pose(robot, None)
+    start = start_pose(robot)
     ends = follow_curves(robot, start.curve, start.linearised, targets)
-    linearised = linearised_at(robot, ends.q, None)
+    linearised = linearised_at(robot, ends.q)
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))
         refused[k] = curve_end_error(robot, end, linearised.select(k), targets[k])
-    # as in `PoseStack`; copies, because the errors refer to the arrays of `ends`
+    # q, x, residual and clearance; copies, because the errors refer to the arrays of `ends`
     poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
     for values in poses:
         values[list(refused)] = np.nan

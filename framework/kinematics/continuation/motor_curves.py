@@ -191,9 +191,9 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
     # rounding of many steps leaves the motors slightly off their prescribed turn
     motor_offset = (turn - difference(robot, start, guess))[:, robot.actuated]
     guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
-    if not len(robot.following):
-        return NewtonResult(guess, linearised_at(robot, guess, None), closed=np.full(len(guess), True))
-    return close_each(robot, None, guess)
+    if not robot.n_p:  # every joint has a motor
+        return NewtonResult(guess, linearised_at(robot, guess), closed=np.full(len(guess), True))
+    return close_each(robot, x=None, guess=guess)  # the passive joints alone move
 
 
 def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates: Array) -> Array:
@@ -201,12 +201,11 @@ def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates
 
     If P is singular to the last bit, no such rates exist, and the passive joints stay at rest.
     """
-    columns = robot.following
     closing = rates.copy()
-    if len(columns):
+    if robot.n_p:
         gap_rates = np.matvec(linearised.closures, rates)  # (T, m) with the passive joints at rest
         with suppress(np.linalg.LinAlgError):
-            closing[:, columns] = -linearised.passive_factors.solve(gap_rates)
+            closing[:, robot.following] = -linearised.passive_factors.solve(gap_rates)
     return closing
 
 
@@ -223,7 +222,7 @@ def _end_at_turning_points(
     Returns:
         The indices of the curves that end.
     """
-    if not len(rows) or not len(robot.following):
+    if not len(rows) or not robot.n_p:  # nothing to examine; without passive joints there is no Type 2
         return rows[:0]
     ahead = _find_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
     found = np.flatnonzero(ahead.found)
@@ -245,7 +244,7 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
     (T, nv). At a Type 2 singularity s has an extremum: the curve turns back.
     """
-    columns = robot.following
+    passive = robot.following
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
 
     def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
@@ -253,13 +252,13 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
 
         The second argument, the share s, is not used: the equations depend on s only by q.
         """
-        linearised = linearised_at(robot, q_on_curve, None)
+        linearised = linearised_at(robot, q_on_curve)
         loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
         return CurveEquations(
-            matrix=loops[:, :, columns],
+            matrix=loops[:, :, passive],
             by_share=np.matvec(loops, turn / robot.column_scale),
             residual=linearised.residual[:, robot.n :] / loop_sizes,
             linearised=linearised,
         )
 
-    return Curves(robot, columns, turn, evaluate).find_turning_points(q, share)
+    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share)

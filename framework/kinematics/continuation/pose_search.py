@@ -69,7 +69,10 @@ class NearestPose(Configuration):
 
 
 def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
-    """Return the unit of the platform's distances: its size [robot lengths, rad] and its name."""
+    """Return the size of the unit of the platform's distances, and its name.
+
+    Distances in robot lengths and radians become distances in this unit if multiplied by its size.
+    """
     if robot.translations.all():
         return robot.length, "m"
     return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
@@ -84,16 +87,17 @@ class _Iterate(NamedTuple):
     basis: Array  # Z (f, n)
     gradient: Array  # g (n,)
     hessian: Array  # H (n, n), made definite
-    # (2 f + 2,) distance from each bound: lower ends of ranges, upper ends, then both determinants, divided
-    # by their sizes at the reference
-    room: Array
-    room_slopes: Array  # (2 f + 2, n) derivatives of `room` along Z
+    # (2 f + 2,) distances from the bounds, not negative inside: of f joints from the lower ends of their
+    # ranges, then from the upper ends; of both determinants, over their sizes at the reference, from their
+    # least values
+    margins: Array
+    margin_slopes: Array  # (2 f + 2, n) derivatives of `margins` along Z
     loops: LinearisedLoops  # at q, T = 1
 
     @property
-    def determinant_room(self) -> Array:
+    def determinant_margins(self) -> Array:
         """Distances (2,) of both determinants from their bounds."""
-        return self.room[-2:]
+        return self.margins[-2:]
 
 
 class _Step(NamedTuple):
@@ -128,15 +132,16 @@ class PoseSearch:
         """
         require_square(robot)
         self.robot, self._motors_hold = robot, motors_hold
-        self._lengths = robot.column_scale[robot.moving]
-        self._row_sizes = equation_sizes(robot)[robot.n :]
-        self._unit_length, self._unit = distance_unit(robot)
-        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
+        # (f,) units of the moving joints, by which they become dimensionless: [m] of slides, 1 of turns
+        self._units = robot.column_scale[robot.moving]
+        self._row_sizes = equation_sizes(robot)[robot.n :]  # (m,) by which the loop equations do
+        self._unit_size, self._unit = distance_unit(robot)
+        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._units
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        # with sizes of 1 the room is the determinant less its least value
-        self._determinant_sizes = iterate.determinant_room + LEAST_DETERMINANTS
+        # with sizes of 1 a margin is the determinant less its least value
+        self._determinant_sizes = iterate.determinant_margins + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -147,7 +152,7 @@ class PoseSearch:
         """
         iterate = self._evaluate(q, x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
-        least_value = 0.5 * (least / self._unit_length) ** 2
+        least_value = 0.5 * (least / self._unit_size) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
 
         damping = 0.0  # of Levenberg and Marquardt
@@ -185,11 +190,11 @@ class PoseSearch:
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
-        # in the order of `_Iterate.room`: lower ends, upper ends, determinants
+        # in the order of `_Iterate.margins`: lower ends, upper ends, determinants
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
-        # a bound stops the search if no room is left; after convergence all bounds with a force do
-        is_met = (iterate.room < rounding) | step.is_small(iterate)
+        # a bound stops the search if no margin is left; after convergence all bounds with a force do
+        is_met = (iterate.margins < rounding) | step.is_small(iterate)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]
         return NearestPose(
@@ -197,7 +202,7 @@ class PoseSearch:
             x=iterate.x,
             residual=float(iterate.loops.gap[0]),
             iterations=count,
-            distance=distance * self._unit_length,
+            distance=distance * self._unit_size,
             unit=self._unit,
             stops=() if distance <= REACHED_PLATFORM else tuple(stops),
         )
@@ -206,22 +211,22 @@ class PoseSearch:
         """Solve the quadratic program of a step from an iterate within the bounds.
 
         `damping` is that of Levenberg and Marquardt. Let H + damping I = R' R, w = R'^-1 g and y = R z + w.
-        The program minimises |y| subject to G y >= G w - room, with G the slopes of the room along y. Lawson
-        and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares: y = -r /
-        r_0 with the residual (r, r_0) of [G' ; (G w - room)'] multipliers = [0 ; 1].
+        The program minimises |y| subject to G y >= G w - margins, with G the slopes of the margins along y.
+        Lawson and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares:
+        y = -r / r_0 with the residual (r, r_0) of [G' ; (G w - margins)'] multipliers = [0 ; 1].
         """
         from scipy.optimize import nnls
 
         g, H = iterate.gradient, iterate.hessian
-        # bounds that a step can reach; the others would only slow down the solver. The factor 2 is a margin:
-        # the largest joint motion is limited, but |z| may be longer
-        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_NEWTON_STEP > iterate.room
+        # bounds that a step can reach; the others would only slow down the solver. The factor 2 is for
+        # safety: the largest joint motion is limited, but |z| may be longer
+        in_reach = np.linalg.norm(iterate.margin_slopes, axis=1) * 2.0 * MAX_NEWTON_STEP > iterate.margins
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
         w = inverse.T @ g
-        G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
+        G = iterate.margin_slopes[in_reach] @ inverse  # slopes along y
 
         # the least distance by nonnegative least squares
-        matrix = np.vstack([G.T, G @ w - iterate.room[in_reach]])
+        matrix = np.vstack([G.T, G @ w - iterate.margins[in_reach]])
         right = np.append(np.zeros(len(g)), 1.0)
         multipliers = nnls(matrix, right)[0] if in_reach.any() else np.zeros(0)
         residual = matrix @ multipliers - right  # (r, r_0)
@@ -239,7 +244,7 @@ class PoseSearch:
 
         A step is refused if its loops do not close, or if it leads to another branch or mode.
         """
-        motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._lengths)
+        motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._units)
         predicted = integrate(self.robot, iterate.q, motion)
         q = self._close(predicted)
         if q is None:
@@ -253,8 +258,8 @@ class PoseSearch:
 
         next_iterate = self._evaluate(q, iterate.x, target, step.range_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
-        least_room = np.minimum(iterate.determinant_room, -0.5 * LEAST_DETERMINANTS)
-        if (next_iterate.determinant_room < least_room).any():
+        least_margins = np.minimum(iterate.determinant_margins, -0.5 * LEAST_DETERMINANTS)
+        if (next_iterate.determinant_margins < least_margins).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, next_iterate.loops)[0]:
             return None
@@ -269,32 +274,32 @@ class PoseSearch:
 
         An additional equation holds a joint that has left its range at the end of the range.
         """
-        units = np.eye(len(self._lengths))
-        room_slopes = np.vstack([units, -units])  # (2 f, f) derivatives of the room along the joints
-        is_beyond = np.zeros(2 * len(units), dtype=bool)
+        identity = np.eye(len(self._units))
+        margin_slopes = np.vstack([identity, -identity])  # (2 f, f) derivatives of margins along the joints
+        is_beyond = np.zeros(2 * len(identity), dtype=bool)  # whether a joint has passed an end of its range
         for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
-            room = self._range_room(q)
-            is_beyond |= room < 0.0
-            gap = np.append(residual, room[is_beyond])
-            K = np.vstack([J, room_slopes[is_beyond]])  # derivatives of the gap
+            margins = self._range_margins(q)
+            is_beyond |= margins < 0.0
+            gap = np.append(residual, margins[is_beyond])
+            K = np.vstack([J, margin_slopes[is_beyond]])  # derivatives of the gap
             if np.abs(gap).max(initial=0.0) < CLOSED_LOOP:
                 return q
             # the small multiple of the identity allows dependent rows
             step = -K.T @ np.linalg.solve(K @ K.T + CLOSED_LOOP * np.eye(len(K)), gap)
             if not np.abs(step).max() < MAX_NEWTON_STEP:
                 return None
-            q = integrate_columns(self.robot, q, self.robot.moving, step * self._lengths)
+            q = integrate_columns(self.robot, q, self.robot.moving, step * self._units)
         return None
 
-    def _range_room(self, q: Array) -> Array:
+    def _range_margins(self, q: Array) -> Array:
         """Compute the distances (2 f,) of joints at q (nq,) from the lower, then the upper ends of ranges."""
-        position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
+        position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._units
         return np.append(position - self._lower, self._upper - position)
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
-        linearised = linearised_at(self.robot, q[None], None)
+        linearised = linearised_at(self.robot, q[None])
         residual = linearised.residual[0, self.robot.n :] / self._row_sizes
         return residual, self._loop_slopes(linearised)[0]
 
@@ -315,20 +320,21 @@ class PoseSearch:
             range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
                 multipliers of the loops.
         """
-        J = self._loop_slopes(linearised_at(self.robot, q[None], None))[0]  # (m, f)
+        J = self._loop_slopes(linearised_at(self.robot, q[None]))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, len(J) :]  # (f, n) the null space of J
         linearised = self._linearise_around(q, Z)
         x, dx, dc = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
-        # the multipliers lambda (m,) that balance the gradient of the error in the least squares
+        # the multipliers lambda (m,) that balance the gradient of the error best: the solution of
+        # J' lambda = gradient by least squares, with J' = Q R
         multipliers = np.linalg.solve(R[: len(J)], Q[:, : len(J)].T @ (e @ dx[0] + range_forces))
         gradients = e @ dx - multipliers @ dc  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP  # (n, n), without dx' dx
 
         dx_along_Z = dx[0] @ Z  # (n, n)
-        room, room_slopes = self._bounds(q, dx, dc, Z)
+        margins, margin_slopes = self._bounds(q, dx, dc, Z)
         return _Iterate(
             q=q,
             x=x[0],
@@ -337,30 +343,32 @@ class PoseSearch:
             gradient=dx_along_Z.T @ e,
             # differences leave the curvature slightly asymmetric
             hessian=_make_definite(dx_along_Z.T @ dx_along_Z + 0.5 * (curvature + curvature.T)),
-            room=room,
-            room_slopes=room_slopes,
+            margins=margins,
+            margin_slopes=margin_slopes,
             loops=linearised.select(0),
         )
 
     def _bounds(self, q: Array, dx: Array, dc: Array, Z: Array) -> tuple[Array, Array]:
-        """Compute `room` (2 f + 2,) and `room_slopes` (2 f + 2, n) of an `_Iterate`.
+        """Compute `margins` (2 f + 2,) and `margin_slopes` (2 f + 2, n) of an `_Iterate`.
 
-        Finite differences along Z (f, n) give the slopes of the determinants.
+        Each of the f moving joints has a margin to the lower and one to the upper end of its range; along the
+        n columns of Z (f, n) they have the slopes Z and -Z. Finite differences along Z give the slopes of the
+        two determinants.
 
         Args:
             dx: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
             dc: (T, m, f) derivatives of the loops at the same poses.
         """
-        determinants = self._determinants(dx, dc, Z) / self._determinant_sizes
+        determinants = self._determinants(dx, dc, Z) / self._determinant_sizes  # (T, 2), at q first
         determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # the sign depends on the basis Z
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
-        room = np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS)
-        return room, np.vstack([Z, -Z, slopes])
+        margins = np.append(self._range_margins(q), determinants[0] - LEAST_DETERMINANTS)
+        return margins, np.vstack([Z, -Z, slopes])
 
     def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
         """Compute the loops at q (nq,) and one step away along motions Z (f, n), T = 1 + n."""
-        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
-        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units
+        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps))
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and derivatives along the joints.
@@ -371,7 +379,7 @@ class PoseSearch:
             x (T, n); the derivatives of x over its scale (T, n, f); those of the loops (T, m, f).
         """
         robot = self.robot
-        twists = linearised.platform[..., robot.moving] * self._lengths  # (T, n, f)
+        twists = linearised.platform[..., robot.moving] * self._units  # (T, n, f)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
         return x, dx, self._loop_slopes(linearised)

@@ -166,7 +166,7 @@ def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool 
         if accepted is not None:
             poses, correction = accepted
             stretches.append(poses)
-            pose = poses.select(slice(-1, None))
+            pose = poses.select(slice(-1, None))  # the last one
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
@@ -277,7 +277,7 @@ def _count_leading(flags: BoolArray) -> int:
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
     """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
-    sizes = equation_sizes(robot)
+    sizes = equation_sizes(robot)  # (n + m,) by which the equations become dimensionless
     at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -286,11 +286,13 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
         x = path(share)
         linearised = linearised_at(robot, q, x)
         by_share = np.zeros_like(linearised.residual)
-        by_share[:, : robot.n] = -robot.platform.twist(x, path(share, 1))[0]
+        path_twist, _ = robot.platform.twist(x, path(share, 1))
+        by_share[:, : robot.n] = -path_twist  # F = [platform - x ; closures], of which x depends on s
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
 
-    ahead = Curves(robot, robot.moving, at_rest, evaluate).find_turning_points(pose.q, pose.s)
+    curves = Curves(robot, columns=robot.moving, turn=at_rest, evaluate=evaluate)
+    ahead = curves.find_turning_points(pose.q, pose.s)
     if not ahead.found[0]:
         return None
     return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it

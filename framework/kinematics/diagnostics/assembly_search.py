@@ -177,10 +177,10 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
     reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
     lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
-    # the solver refuses equal bounds, so equal limits are moved apart as far as places are still the same
+    # the solver refuses equal bounds, so equal limits are moved apart by a distance that does not matter
     limited = np.isfinite(lower)
-    room = SAME_PLACE * np.maximum(np.abs(lower[limited]), 1.0)
-    upper[limited] = np.maximum(upper[limited], lower[limited] + room)
+    least_range = SAME_PLACE * np.maximum(np.abs(lower[limited]), 1.0)
+    upper[limited] = np.maximum(upper[limited], lower[limited] + least_range)
     return lower, upper
 
 

@@ -192,7 +192,7 @@ def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformA
     if axes.stuck:
         yield (
             f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
-            f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
+            f"{axes.twist_rank} independent velocit{'y' if axes.twist_rank == 1 else 'ies'}"
             f"{instead or '; choose another frame'}"
         )
     elif axes.stuck_here:

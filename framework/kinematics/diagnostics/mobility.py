@@ -41,7 +41,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import singular_values, split_row_space
+from framework.numerics.ordered_sums import least_singular_values, split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
@@ -67,7 +67,7 @@ class PlatformAxes(NamedTuple):
 
     stuck: str  # axes stuck at the reference and at nearby poses; empty without any
     stuck_here: str  # axes stuck at the reference
-    velocities: int  # number of independent twists of the platform's frame, 0..6
+    twist_rank: int  # number of independent twists of the platform's frame, 0..6
     proposals: tuple[Names, ...]  # sets of sufficient axes, if the stated axes are not sufficient
 
 
@@ -101,17 +101,18 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     q, names = robot.reference.q, robot.axis_names
     stuck_here = _immovable_combinations(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:
-        return PlatformAxes(stuck="", stuck_here="", velocities=freedoms, proposals=())
+        return PlatformAxes(stuck="", stuck_here="", twist_rank=freedoms, proposals=())
     poses = nearby_configurations(robot, q)
-    combinations_at_poses = [stuck_here, *(_immovable_combinations(robot, pose) for pose in poses)]
-    stuck = min(combinations_at_poses, key=lambda immovable: immovable.shape[1])  # at the least stuck pose
+    # (n, k) each: k combinations of the n axes along which the platform cannot move at a pose
+    stuck_at_poses = [stuck_here, *(_immovable_combinations(robot, pose) for pose in poses)]
+    stuck = min(stuck_at_poses, key=lambda immovable: immovable.shape[1])  # at the pose with fewest of them
     twists = [_platform_twists(robot, pose) for pose in (q, *poses)]  # (6, f) each
-    velocities = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
+    twist_rank = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
         stuck=_name_stuck_axes(stuck, names),
         stuck_here=_name_stuck_axes(stuck_here, names),
-        velocities=velocities,
-        proposals=_propose_axes(twists, freedoms, names) if velocities == freedoms else (),
+        twist_rank=twist_rank,
+        proposals=_propose_axes(twists, freedoms, names) if twist_rank == freedoms else (),
     )
 
 
@@ -133,7 +134,7 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
     # an axis is an index into AXES: 0 to 2 are translations, 3 to 5 are turns
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns:
-        clearance = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)  # at the best pose
+        clearance = max(least_singular_values(matrix[list(axes)]) for matrix in twists)  # at the best pose
         if clearance <= PROPOSED_AXES_CLEARANCE:
             continue
         names = tuple(AXES[axis] for axis in axes)
@@ -162,8 +163,11 @@ def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute twists (6, f) of the platform's frame at q (nq,) for the motions that loops allow."""
-    jacobian = frames_at(robot, q[None]).frame_jacobian(0)[0]  # (6, nv)
+    """Compute twists (6, f) of the platform's frame at q (nq,) for f motions that the loops allow.
+
+    The twists are dimensionless: radians and lengths of the robot.
+    """
+    jacobian = frames_at(robot, q[None]).frame_jacobian()[0]  # (6, nv)
     return scaled_twists(robot, jacobian) @ _free_motions(robot, q)
 
 
@@ -179,7 +183,10 @@ def scaled_twists(robot: Mechanism, twists: Array) -> Array:
 
 
 def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
-    """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,)."""
+    """Compute the Jacobian (3 b, nv) of the mass centres of the b bodies with mass at q (nq,).
+
+    It is dimensionless, in radians and robot lengths. The velocity of a centre is on the axes of its body.
+    """
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
     velocities = [np.empty((0, model.nv))]  # for a robot without mass

@@ -40,7 +40,7 @@ from framework.model.description import AXES, Actuator, Closure, Platform, Robot
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # number of platforms that are tried
@@ -156,7 +156,8 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
 
     if joint_platforms:  # the construction of the robot may raise a more precise error
         ParallelRobot.from_description(replace(partial.description, platform=joint_platforms[-1]))
-    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
+    # (nv, k) motions that move neither a mass nor a motor
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)
     holding = _choose_joints_to_hold(motions, idle, partial)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     remedies = f"{part}or {remedy}" if part else remedy
@@ -222,16 +223,20 @@ def _advise_on_parts(partial: PartialRobot) -> str:
 
 
 def _advise_on_other_loops(partial: PartialRobot) -> str:
-    """Return advice to lock all loops that share no joint with the first loop; empty without any."""
+    """Return advice to lock all loops that share no joint with the first loop; empty without any.
+
+    If such loops have motors, it is enough to lock these.
+    """
     tree, description = partial.tree, partial.description
-    # joints of loops that share joints, directly or through others
+    # each group: joints of loops that share joints, directly or through others; no group without closures
     groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
-    first, *others = groups or [[]]
+    first_group, *others = groups or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
     if not to_lock:
         return ""
-    return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(to_lock)}), "
+    first_joint = first_group[0]
+    return f"hold the loops beside those of {first_joint} (such as --lock {' '.join(to_lock)}), "
 
 
 def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
@@ -241,13 +246,14 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
 
 
 def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
-    """Choose joints whose rates determine the working motions.
+    """Choose joints whose rates determine the motions that move a mass or a motor.
 
     Joints that the file suggests as motors come first, then those nearest to the base.
     """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     suggested = [name for name in tree.likely_motors if name in by_depth]
-    return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
+    without_repetitions = dict.fromkeys([*suggested, *by_depth])
+    return motions.choose_independent(motions.working, without_repetitions)
 
 
 def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
@@ -265,7 +271,7 @@ def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
         return [names[i] for i in choose_rows(rates, count)]
 
     choices = np.array(list(combinations(range(len(names)), count)))  # (choices, count) indices of motors
-    clearances = singular_values(rates[choices])[:, -1]  # (choices,) least singular values
+    clearances = least_singular_values(rates[choices])  # (choices,)
     best_two = np.argsort(-clearances, kind="stable")[:2]
     largest, second_largest = clearances[best_two]
     best, second = ([names[i] for i in choice] for choice in choices[best_two])
@@ -278,21 +284,23 @@ def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
 
 
 def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, partial: PartialRobot) -> list[str]:
-    """Choose joints that, when locked, stop all unwanted motions (nv, k); empty if no choice does.
+    """Choose joints that, when locked, stop all of k independent `unwanted` motions (nv, k).
 
-    Passive joints with springs come first, then those far from the base. If these do not suffice, all serial
-    joints are chosen.
+    Passive joints with springs come first, then those far from the base. Joints whose rates in the unwanted
+    motions are independent stop one motion each. If there are fewer than k of them, all joints in no loop are
+    chosen, provided that they have k freedoms. The result is empty if neither choice stops the motions.
     """
     tree, description = partial.tree, partial.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])  # in order of preference, without repetitions
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.choose_independent(unwanted, passive)
-    if len(to_lock) == unwanted.shape[1]:
+    count = unwanted.shape[1]  # k
+    if len(to_lock) == count:
         return to_lock
     serial = _serial_joints(partial)
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
-    return serial if len(freedoms) == unwanted.shape[1] else []
+    return serial if len(freedoms) == count else []
 
 
 def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
@@ -358,9 +366,9 @@ def _joint_platforms(motions: LoopMotions, partial: PartialRobot) -> Iterator[Pl
             continue
         rates = motions.rates(names)
         chosen = choose_rows(rates, count)
-        if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
+        if least_singular_values(rates[chosen]) > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
-            yield Platform(tree.joints[joints[-1]].child, (), joints)
+            yield Platform(frame=tree.joints[joints[-1]].child, joints=joints)
 
 
 def _frame_platforms(
@@ -377,10 +385,10 @@ def _frame_platforms(
     names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
     passive = set(tree.movable).difference(partial.description.motor_joints)
     if len(names) == count and passive.issuperset(names):
-        yield 3.0, Platform(frame, (), names)
+        yield 3.0, Platform(frame, joints=names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
-        least = singular_values(twists[list(axes)])[-1]
+        least = least_singular_values(twists[list(axes)])
         translations = sum(axis < 3 for axis in axes)
         if least <= FILE_ROUNDING or (turns_about_a_point and translations):
             continue
@@ -455,12 +463,12 @@ def _serial_joints(partial: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(partial: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the serial joints into joints that carry loops and others.
+    """Split the joints in no loop into joints that carry no loop and joints that carry one.
 
     Joints that the options name or that carry the platform are left out.
 
     Returns:
-        Names of the joints without loops; names of the joints with loops.
+        Names of the joints that carry no loop; names of the joints that carry one.
     """
     tree = partial.tree
     needed = {*(options.motors or ()), *(options.platform_joints or ())}

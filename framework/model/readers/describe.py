@@ -392,7 +392,7 @@ def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None
         if options.axes is not None:
             raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
         check_distinct("--platform-joints", "movable joint", joints, partial.tree.movable)
-        return Platform(frame or partial.tree.joints[joints[-1]].child, (), joints)
+        return Platform(frame or partial.tree.joints[joints[-1]].child, joints=joints)
     if options.axes is not None:
         check_distinct("--axes", "axis", options.axes, AXES)
         frame = frame or (platform.frame if platform else None)

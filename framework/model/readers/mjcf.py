@@ -121,8 +121,8 @@ class _Joint(NamedTuple):
 
 def _placement_of_qpos(qpos: Array) -> Array:
     """Return the placement (4, 4) of the qpos of a free joint (7,) or a ball (4,)."""
-    position, quaternion = qpos[:-4], qpos[-4:]
-    return placement(from_quaternion(*quaternion), position if len(position) else np.zeros(3))
+    *position, w, x, y, z = qpos.tolist()  # a ball has a quaternion alone
+    return placement(from_quaternion(w, x, y, z), position or (0.0, 0.0, 0.0))
 
 
 class _Model:
@@ -209,8 +209,8 @@ class _Model:
         end = origin
         for joint in self.joints[first : first + self.compiled.body_jntnum[k]]:
             point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
-            motions.append(joint.urdf_joint(end @ placement(None, point)))
-            end = placement(None, -point)
+            motions.append(joint.urdf_joint(end @ placement(translation=point)))
+            end = placement(translation=-point)
         return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
@@ -264,10 +264,10 @@ class _Model:
         if is_of_sites:
             first = second = np.eye(4)
         elif kind == "connect":
-            first, second = (placement(None, point) for point in points)
+            first, second = (placement(translation=point) for point in points)
         else:
             first = placement(from_quaternion(*quaternion), points[1])
-            second = placement(None, points[0])
+            second = placement(translation=points[0])
         ends = [("1", frames[model.eq_obj1id[k]], first), ("2", frames[model.eq_obj2id[k]], second)]
         locks_rotation = kind == "weld" and torque_scale  # with the torque scale 0 it does not
         self.tree.close(name, locked_axes("fixed" if locks_rotation else "spherical"), ends)
@@ -292,7 +292,7 @@ class _Model:
             return
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
-        children = [tree.joints[joint].child for joint in all_arms]
+        children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
         if second and polynomial[2:].any():
             coefficients = " ".join(map("{:g}".format, polynomial))
             problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
@@ -328,7 +328,7 @@ class _Model:
     def _read_motor(self, k: int) -> None:
         """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
-        target = model.actuator_trnid[k, 0]
+        target = model.actuator_trnid[k, 0]  # index of the joint or tendon
         gear = float(model.actuator_gear[k, 0])
         name = self.name("actuator", k)
         acts_on = self.all_joints
@@ -447,10 +447,10 @@ def _make_visual(shape: str, size: Array, origin: Array) -> Element:
         origin: (4, 4) placement in the link.
     """
     if shape == "box":
-        words = {"size": vector_text(2 * size)}
+        sizes = {"size": vector_text(2 * size)}
     else:
         radius, half_length, _ = map(float, size)
-        words = {"radius": repr(radius)}
+        sizes = {"radius": repr(radius)}
         if shape == "cylinder":
-            words["length"] = repr(2 * half_length)
-    return visual_element(shape, words, origin)
+            sizes["length"] = repr(2 * half_length)
+    return visual_element(shape, sizes, origin)

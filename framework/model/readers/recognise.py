@@ -58,11 +58,16 @@ def parse_any(
     Args:
         file: a file; for a pair of Gepetto its YAML or the folder of both files.
         parameters: replace values that a robot file of ours declares.
-        options: the fields of `Options`, which complete a foreign file and override it: the `platform` frame
-            and its `axes` or `platform_joints`, the `motors`, joints that are `locked` [rad, m] (None: at the
-            reference), and a `reference` [rad, m] near an assembled pose if the zero pose is not. With a link
-            `base` all joints that the link does not carry are locked at the reference. `propose` completes
-            what is missing.
+        options: the fields of `Options`, which complete a foreign file and override it:
+
+            * `platform`: its frame;
+            * `axes` or `platform_joints`: the platform's coordinates, along base axes or of joints;
+            * `motors`: the motors' joints;
+            * `reference`: joint positions [rad, m] near an assembled pose, by default those that the file
+              states, else zero;
+            * `locked`: positions [rad, m] of joints to lock; None stands for the reference;
+            * `base`: a link; all joints that the link does not carry are locked at the reference;
+            * `propose`: a function that completes what is still missing.
 
     Raises:
         RobotFileError: the file cannot be read, is of no known dialect, is malformed, has content that the

@@ -285,17 +285,17 @@ def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
     where = f"joint {joint.name!r}"
     element = joint.element
     for mimic in element.findall("axis/mimic"):
-        of = element.get("scope", "") + mimic.get("joint", "")
-        check_name(f"{where}: <mimic>", "joint", of, names)
+        leader = element.get("scope", "") + mimic.get("joint", "")
+        check_name(f"{where}: <mimic>", "joint", leader, names)
+        # q = multiplier (q_leader - reference) + offset
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
         ratio, offset, reference = _read_values(mimic, f"{where}: <mimic>", defaults)
-        yield Coupling(joint.name, of, ratio, offset - ratio * reference)
+        yield Coupling(joint.name, leader, ratio, offset - ratio * reference)
     if joint.kind == "screw":
-        # screw_thread_pitch is in [m] per turn; the older thread_pitch is left-handed and in [rad/m]
         pitch, old_pitch = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
-        lead = pitch / (2.0 * np.pi)  # [m/rad]
+        lead = pitch / (2.0 * np.pi)  # [m/rad] of the slide; screw_thread_pitch is in [m] per turn
         if old_pitch and element.find("screw_thread_pitch") is None:
-            lead = -1.0 / old_pitch
+            lead = -1.0 / old_pitch  # the older thread_pitch is in [rad/m], and of a left-handed screw
         yield Coupling(f"{joint.name}_slide", joint.name, lead)
 
 

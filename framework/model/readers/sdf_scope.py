@@ -53,15 +53,16 @@ class Scope:
         `depth` counts the recursions, which do not end where frames are relative to one another.
 
         Raises:
-            InvalidInput: there is no such frame, or it is relative to itself.
+            InvalidInput: there is no such frame.
+            RobotFileError: the frame is relative to itself.
         """
         if name == WORLD:
             return np.eye(4)
         check_choice("frame", name, self.relative)
         if depth > len(self.relative):
             raise RobotFileError(f"frame {name!r}: is relative to itself")
-        base, pose = self.relative[name]
-        return self.placement_of(base, depth + 1) @ pose
+        base, pose_in_base = self.relative[name]
+        return self.placement_of(base, depth + 1) @ pose_in_base
 
     def link_of(self, name: str, depth: int = 0) -> str:
         """Return the link that carries a frame.

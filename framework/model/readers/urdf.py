@@ -270,7 +270,7 @@ def read_urdf(
 
 def _close_named_frames(tree: UrdfTree) -> bool:
     """Close loops at pairs of links closing_X_1, closing_X_2; return whether any exists."""
-    pairs: dict[str, dict[str, str]] = {}
+    pairs: dict[str, dict[str, str]] = {}  # by loop, then by end, "1" or "2": the link
     for link in tree.links:
         if match := _CLOSING_LINK.fullmatch(link):
             pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
@@ -327,7 +327,7 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
         axis = np.array(entry["axis"])
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
-        hinge_at_zero = placement(None, entry["point"])
+        hinge_at_zero = placement(translation=entry["point"])
         ends = []
         for end in ("a", "b"):
             name = entry[f"link_{end}"]

@@ -173,16 +173,17 @@ class UrdfTree(Tree):
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
-        self.root = root
         # Drake's files need not declare the link `world`
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
             SubElement(root, "link", name="world")
+        self.root = root
         self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
         self.extra = _take_out(root, extra)  # the dialect's own elements
         # the two ways in which ROS declares motors
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
 
+        # links and joints, which `Tree` stores; impossible inertias and limits are removed from `root`
         impossible: Complaints = []
         tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
@@ -203,6 +204,7 @@ class UrdfTree(Tree):
         self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
         self.gravity = (0.0, 0.0, -9.81)
         self.reference: dict[str, float] = {}  # by coordinate
+        # a file with impossible inertias or limits is refused only if their links or joints move
         self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in impossible]
         self.remarks: list[str] = []
 
