@@ -149,16 +149,17 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
         all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
-        is_open = ~remaining.empty & ~known.contains(all_narrow)
+        unfinished = ~remaining.empty & ~known.contains(all_narrow)
 
         # narrow the boxes that may hold another solution again, halve them, or leave them undecided
-        narrow = select(all_narrow, is_open)
+        narrow = select(all_narrow, unfinished)
         is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
         no_axis = np.full(narrow.size, NO_AXIS)
-        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, no_axis, is_small)
+        undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, no_axis, is_small)
         return Examined(None, undecided, pending)
 
-    # One undecided box spoils the proof. With equal distances no box is nearer, so the search ends there.
+    # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
+    # box, so that the search ends with the first one.
     end = branch_and_bound(test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
     return not (end.undecided.size or end.pending.size)
 

@@ -42,7 +42,10 @@ def find_joints_at_pose(
     """
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, 3 or 12) of the platform's frame from the pose, and slopes (T, .., nv)."""
+        """Compute dimensionless offsets (T, 3 or 12) from the pose, and slopes (T, .., nv).
+
+        The platform's frame has the number 0. The first 3 offsets are of its origin, the others of its axes.
+        """
         offsets = (frames.position[:, 0] - position) / robot.length
         slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
         if rotation is None:
@@ -85,7 +88,7 @@ def close_all_loops(
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
     """
-    is_last = False  # whether the last step has been taken
+    is_last = False  # whether the step after all loops were closed has been taken
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         values, slopes = scaled_equations(robot, robot.rows, frames)
@@ -107,13 +110,14 @@ def close_all_loops(
 
 
 def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
-    """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
+    """Draw configurations (count, nq): q (nq,) itself, then q with some joints at random.
 
-    Hinges turn by up to half a turn, slides move by up to a robot length.
+    These joints have the `columns` (k,) of the velocity vector. Hinges turn by up to half a turn, slides move
+    by up to a robot length.
     """
-    spread = np.where(robot.sliding[columns], robot.length, np.pi)
+    max_step = np.where(robot.sliding[columns], robot.length, np.pi)  # (k,) [rad, m]
     steps = np.zeros((count, len(columns)))
-    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-max_step, max_step, (count - 1, len(max_step)))
     return integrate_columns(robot, q, columns, steps)
 
 
@@ -181,7 +185,8 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
 def distinct_rows(joints: Array) -> list[int]:
     """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
 
-    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles.
+    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles
+    [rad].
     """
     points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()

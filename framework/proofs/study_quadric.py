@@ -67,9 +67,10 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
 
 @cache
 def _function_forms() -> Array:
-    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y), by polarisation.
+    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y).
 
-    A quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with unit vectors e.
+    By polarisation a quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with
+    unit vectors e.
     """
     units = np.eye(8)
     sums = np.array([[_scaled_functions(a + b) for b in units] for a in units])  # (8, 8, 17)
@@ -168,7 +169,7 @@ class Displacements:
         """
         rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
-        first = self.members[0]  # f_1
+        first = self.members[0]  # matrix (N, N) of f_1
         for _ in range(2):
             z = self.random_point(rng)
             gradients = quadrics @ z  # (K + F, N) half the gradients of f_k and of the fixed quadric
@@ -213,7 +214,7 @@ class Displacements:
         rows[:, square] = 0.0
         rows[k] = pivot
 
-        # the error of a quotient c / m: that of c over m, and that of m times the quotient over m
+        # the error of a quotient c / m is at most (error of c + error of m * |c / m|) / (|m| - error of m)
         divisor = np.maximum(np.abs(multiples[k]) - errors[k], LEAST_DIVISOR)
         pivot_errors = errors[k] * (1.0 + np.abs(pivot)) / divisor
         # the errors of a condition, of its multiple, and of the pivot that is subtracted
@@ -223,7 +224,10 @@ class Displacements:
         return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
-        """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
+        """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N).
+
+        The coordinates of the dual quaternions that z lacks are 0.
+        """
         quaternions = np.zeros((len(z), 8))
         quaternions[:, self.coordinates] = z
         return displacements_of_quaternions(quaternions)
