@@ -116,7 +116,7 @@ def nearest_singular_pose(
 
     # search the nearest pose along rays; all distances are in robot lengths and rad from here on
     directions = _spread_directions(robot.n)
-    crossed, ended = _follow_rays(centre, directions * reach)
+    crossed, ended = _follow_rays(centre, directions * reach)  # segments: g changes its sign, the branch ends
     nearest = _nearest_singular(centre, crossed, reach)
 
     # prove that no singular pose is nearer
@@ -243,8 +243,9 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
 def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
-    Candidates are foot points, and the nearest sign change at which g is zero to rounding. The foot points
-    are sought from the sign changes on the segments `crossed`, the nearest first.
+    Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
+    its sign by a jump to another branch. The foot points are sought from the nearest MAX_STARTS sign changes
+    on the segments `crossed`. `reach` is in robot lengths and rad.
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
@@ -285,9 +286,9 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
     """Advance the starts of K segments towards the sign change or end, by bisection.
 
-    A step is repeated while it is accepted, and halved when it is refused, `halvings` times. A simple
-    bisection does not work: near the end of a branch a long step may not be trusted although a shorter one
-    is.
+    A step is repeated while it is accepted, and halved when it is refused, until its length is 0.5^(halvings
+    + 1) of the segment. A simple bisection does not work: near the end of a branch a long step may not be
+    trusted although a shorter one is. A step is refused if it leaves the branch or changes the sign of g.
     """
     q = segments.q.copy()  # (K, nq) at the points reached
     length = segments.end - segments.start  # (K, n) as vectors
@@ -312,9 +313,10 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
 def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
-    Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
-    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
-    the slopes are zero, or at the end of a branch.
+    Each step leads from the pose's offset z to the point of the linearised locus that is nearest to the
+    centre, or RAY_STEP towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It
+    cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
+    to RANK_LOST.
     """
     for _ in range(MAX_FOOT_STEPS):
         # the step to the point of the linearised locus
@@ -408,7 +410,8 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     samples_q = [q]
     samples_x = [x]
     direction = np.zeros_like(x)
-    accepted = np.zeros(WALKS, dtype=bool)  # whether the last step of each walk was; false to draw the first
+    # whether the last step of each walk was accepted; false, so that each walk gets a first direction
+    accepted = np.zeros(WALKS, dtype=bool)
     for _ in range(WALK_STEPS):
         # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)
@@ -418,7 +421,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
         length = MAX_WALK_STEP * random.random((WALKS, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)
-        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,)
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,) a joint's range
         accepted = (step.reason == PoseReason.REACHED) & ~beyond
         q = np.where(accepted[:, None], step.q, q)
         x = np.where(accepted[:, None], target, x)

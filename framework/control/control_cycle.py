@@ -214,7 +214,9 @@ class ControlCycle:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
-        tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2.
+        tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2. P and
+        T of the last cycle predict the step; afterwards they are those of the new configuration, even if it is
+        refused.
         """
         last_determinant = np.linalg.det(self._P)
         motor_step = target - self._motors  # (n_a,)
@@ -358,7 +360,8 @@ class SinglePose:
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
         force, second = self._update_residual(q)  # a and b
-        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
+        # origins (m, 3) of the second frames: `vectors` are indices into all axes and origins of the frames
+        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)
         if rows.only_translations:
             wrench[:, :3] = force
         else:
@@ -394,7 +397,10 @@ class SinglePose:
         return FrameStack(self._placements[None], self.scratch.screws[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
-        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
+        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`.
+
+        Pinocchio has the twist of the platform's body at the base's origin: velocity, then angular velocity.
+        """
         twist = self.scratch.velocities[self.scratch.bodies[0]]
         return twist[:3] + cross(twist[3:], self.platform_origin), twist[3:]
 

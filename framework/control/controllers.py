@@ -437,8 +437,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     depend on the number of runs.
     """
     robot = reference.robot
-    rows = robot.loops
-    columns = robot.moving
+    rows = robot.loops  # independent loop equations
+    columns = robot.moving  # of the joints that move without springs
     frames = frames_at(robot, state.q)
     J = loop_equations(rows, frames).jacobian
     F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]  # (R, n + m, columns)
@@ -460,7 +460,8 @@ def _planned_multipliers(reference: Reference) -> Array:
     """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
 
     At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
-    J' lambda = r - S' tau, do so, where tau is the planned torque on the joint side and S selects the motors.
+    J' lambda = r - S' tau, do so, where r are the forces of the open tree, tau is the planned torque on the
+    joint side, without the torque that accelerates rotors, and S selects the motors.
     """
     robot = reference.robot
     motion = reference.motion

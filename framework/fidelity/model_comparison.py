@@ -197,7 +197,7 @@ class ReferenceMotion:
             reached = self.times <= end
             t = self.times[reached]
             platform_error[reached] = self._platform_distance(simulation.configuration(t), motion.platform(t))
-            if simulation.occurrences:  # the event `lost` has ended the simulation
+            if simulation.occurrences:  # the only event, "lost", has ended the simulation
                 lost = f"{100 * self.max_error:.3g} % off its path, and lost, at t = {end:.4g} s"
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
@@ -248,7 +248,10 @@ class ReferenceMotion:
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
+        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths.
+
+        Rotations are multiplied by the robot's length.
+        """
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
         return np.linalg.norm(offset * robot.length, axis=1) / self.length

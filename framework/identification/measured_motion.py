@@ -322,10 +322,10 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
     """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n)."""
     x, dx, ddx = platform
     q = np.empty((len(x), robot.model.nq))
-    start = assemble(robot, x[0]).q[None]
+    pose = assemble(robot, x[0]).q[None]  # (1, nq), a stack of one configuration
     for k in range(len(x)):
-        start = close_loops(robot, x[k : k + 1], start).q  # (1, nq) from the previous pose
-        q[k] = start[0]
+        pose = close_loops(robot, x[k : k + 1], pose).q  # from the previous pose
+        q[k] = pose[0]
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 

@@ -273,7 +273,7 @@ def record_sensors(
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
 
-    # the first of `recording_columns`
+    # these are the first of `recording_columns`, in the same order
     columns = [
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),

@@ -259,8 +259,8 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     dP = derivatives.hessians[entries]  # (S, s, s, k)
     dP_change = remainders.hessians[entries] + rounding  # bounds
 
-    # The change of psi' dP eta is at most the sum of three: one factor changes at a time (dP, eta, psi), while
-    # the others have their largest sizes.
+    # The change of psi' dP eta is at most the sum of three changes: one factor changes at a time (dP, eta,
+    # psi), while the others have their largest sizes.
     psi_size = np.abs(psi)
     eta_size = np.abs(eta) + eta_error
     dP_size = np.abs(dP)

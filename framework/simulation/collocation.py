@@ -380,8 +380,9 @@ class NewtonMatrix:
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Compute the Newton step of q, accelerations and multipliers.
 
-        The change of q is dq = -Q R'^-1 residual + Z z. The balance of forces along Z determines z. The
-        multipliers balance the remaining forces, which are orthogonal to Z.
+        The change of q is dq = -Q R'^-1 residual + Z z: the first part closes the loops, and the balance of
+        forces along the null space Z determines z. The multipliers balance the remaining forces, which are
+        orthogonal to Z.
 
         Args:
             force: residual of the balance of forces, (s, nv).

@@ -61,7 +61,7 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     m = tangent.jacobian.shape[1]  # number of independent loop equations
     scale = robot.column_scale[:, None]  # (nv, 1)
 
-    # null space of the loops, in joint rates divided by their scale
+    # null space of the loops, in joint rates divided by their scale; `rotation` marks rows without a length
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
     U, values, V_rows = np.linalg.svd(J)
     Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
@@ -173,7 +173,7 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     and keeps its initial value: the step is zero.
 
     Args:
-        tangent: terms at one configuration at rest.
+        tangent: terms at one configuration at rest (T = 1).
         unbalanced: residual (nv,) of the balance of forces without the loop forces.
 
     Raises:
@@ -222,16 +222,19 @@ def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> In
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
     """Project a velocity v (nv,) onto the velocities that the loops allow, (nv,).
 
-    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0. `tangent` has the
-    terms of one configuration.
+    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0. Both are solved
+    with joint rates over their units and with the dimensionless J, so that one tolerance decides which
+    singular values are zero. `tangent` has the terms of one configuration (T = 1).
     """
-    rows = len(equations.rows.names)
+    rows = len(equations.rows.names)  # m independent loop equations
     if not rows:
         return v
-    scale = equations.robot.column_scale
-    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]  # (m, nv)
+    scale = equations.robot.column_scale  # (nv,) units of the joints: 1 rad or the robot's length
+    # J (m, nv) of the configuration; `rotation` marks the rows that have no length to be divided by
+    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
-    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)  # brings M to the size of J
+    # M is divided by its largest entry, to have the size of J; this scales the impulse alone
+    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
     # least squares, as massless motions make the matrix singular

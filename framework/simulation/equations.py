@@ -99,7 +99,7 @@ class EquationsOfMotion:
 
         No force acts on such a joint, so any inertia makes its equation solvable and changes nothing else.
         """
-        idle = self.robot.structure.idle
+        idle = self.robot.structure.idle  # columns of the velocity vector
         if not len(idle):
             return self
         inertias = np.diag(self.tangent_at_rest(self.robot.q_near).mass[0])  # (nv,)
@@ -130,7 +130,7 @@ class EquationsOfMotion:
         by_q, by_v, mass = np.empty((3, T, nv, nv))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
+            """Fill row k of `force`, `by_q`, `by_v` and `mass` with the terms of the tree; return the model."""
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             force[k] = data.tau
             by_q[k] = data.dtau_dq
@@ -138,6 +138,7 @@ class EquationsOfMotion:
             mass[k] = data.M
             return model
 
+        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
         frames = collect_frames(scratch, q, compute)
         # rotors, springs and dampers act on single joints, so their matrices are diagonal
         diagonal = range(nv)

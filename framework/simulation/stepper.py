@@ -183,6 +183,7 @@ class Stepper:
         rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
         torques = np.broadcast_to(torque, (*leading, robot.n_a))
         runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
+        # run k is that of robot k, or of the only robot
         states = [
             consistent_state(self.equations[k % len(self.equations)], *run, world)
             for k, run in enumerate(runs)
@@ -325,9 +326,12 @@ class Stepper:
     # ------------------------------------------------------------------ terms
 
     def _models(self, runs: int) -> list[pin.Model]:
-        """Return the pinocchio model of each of R runs."""
+        """Return the pinocchio model of each of R runs.
+
+        A stepper of several robots has one run for each; a stepper of one robot has any number of runs.
+        """
         models = [equations.robot.model for equations in self.equations]
-        return models if len(models) > 1 else models * runs  # one robot may have any number of runs
+        return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
@@ -339,11 +343,12 @@ class Stepper:
         twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
+            """Fill row k of `mass`, `bias` and `twists` with the terms of the tree; return the model."""
             mass[k] = pin.crba(models[k], scratch.data, q[k])
             bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]
 
+        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
         frames = collect_frames(scratch, q, compute)
         mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
