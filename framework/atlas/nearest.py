@@ -352,6 +352,7 @@ def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
     measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
     unit_twists = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))[0].T  # (n, n), one a row
     rates = joint_rates(robot, linearised, unit_twists[:, None])[:, 0]  # (n, nv)
+    # g (1,) and its slopes by the joints (1, nv), of the one pose
     return measure.g[0], (rates @ measure.by_q[0]) * robot.platform_scale
 
 

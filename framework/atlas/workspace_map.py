@@ -204,6 +204,7 @@ def workspace_map(
     x = window.points()  # (I, J, n)
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
+    working_signs, _assembly_signs = mode_signs(robot, linearised_at_reference(robot))  # (1,) each
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -211,7 +212,7 @@ def workspace_map(
         values={quantity.key: grids[quantity.key] for quantity in choice},
         q=grids["q"],
         reason=grids["reason"],
-        working_mode=int(mode_signs(robot, linearised_at_reference(robot))[0][0]),
+        working_mode=int(working_signs[0]),
         assembly=grids["assembly"],
         load=grids.get("load"),
         seconds=time.perf_counter() - started,

@@ -155,7 +155,8 @@ def _make_plan(
 
     The level is that of --flexibility auto, the bend that of --bend.
     """
-    bend, progress = options.bend, options.progress
+    bend = options.bend
+    progress = options.progress
     progress.start("planning")
     if bend is None:
         with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
@@ -196,7 +197,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
     if bound is None:
         return []
     if best.specification.goal == "time":
-        cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
+        cost = plan.duration
+        least = f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
@@ -207,7 +209,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
 
 def plan_lines(plan: CrossingPlan) -> list[str]:
     """Return the report on a plan, in words."""
-    robot, is_polynomial = plan.robot, plan.law.kind == Law.kind
+    robot = plan.robot
+    is_polynomial = plan.law.kind == Law.kind
     law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
     was_chosen = plan.request.kind == "auto" and plan.reason != ADVANCES

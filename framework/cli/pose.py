@@ -146,7 +146,8 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
         NotAssembled, Type1Singularity: no pose in the modes of the reference. With `advise_all` the remedy
             is --all, unless the numbers are impossible in all modes.
     """
-    motor_joints, point = options.motor_joints, options.point
+    motor_joints = options.motor_joints
+    point = options.point
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
@@ -246,9 +247,11 @@ def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
     degrees = "" if assembly.modes else _explain_failure(robot, options)
     if degrees:
         options.warnings.append(degrees.removeprefix("; "))
-    lines, modes = [f"  assembly modes    {assembly.sentence}"], []
+    lines = [f"  assembly modes    {assembly.sentence}"]
+    modes = []
     for mode in assembly.modes:
-        pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
+        pose = describe_pose(robot, mode.q)
+        kind = classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
     about = select_fields(assembly, "complete", "status", "bound", "method")
@@ -264,7 +267,8 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
         options.refusal = NoAnswer(
             f"{robot.name}: out of reach: no pose was found with this platform{reason}"
         )
-    lines, modes = [f"  working modes     {working.sentence}"], []
+    lines = [f"  working modes     {working.sentence}"]
+    modes = []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)

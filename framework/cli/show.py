@@ -78,7 +78,8 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     from framework.show.captions import describe_flexibility, display_name
 
     document, (written,) = arguments.write_page(FilePath(file), page)
-    entries, scenes = [], []
+    entries = []
+    scenes = []
     for film in films:
         entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
         scenes.append(f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})")

@@ -205,7 +205,8 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
     size = options.size or EDGE_POSES
     if options.window is None:
         return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
-    bounds, axes = finite_numbers("--window", options.window, 4), map_axes(robot, options.over)
+    bounds = finite_numbers("--window", options.window, 4)
+    axes = map_axes(robot, options.over)
     return Window(axes, bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
@@ -220,7 +221,8 @@ def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> 
 
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
-    robot, window = workspace.robot, workspace.window
+    robot = workspace.robot
+    window = workspace.window
     rows, columns = window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
     size = f"{robot.name}: {rows} x {columns} poses"
@@ -298,7 +300,8 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
         values = {key: column[k] for key, column in study.columns.items()}
         entries.append({"parameters": parameters, **values, "why": why})
     document = {"robot": robot, "designs": entries, "units": study.units}
-    count, size = len(entries), study.task.size
+    count = len(entries)
+    size = study.task.size
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
     lines += _study_table(study, with_reasons=refused > 0)

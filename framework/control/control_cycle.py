@@ -87,7 +87,8 @@ class ControlCycle:
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
         self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
 
-        self.q, self.x = start.q.copy(), start.x.copy()
+        self.q = start.q.copy()
+        self.x = start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
         self.T[robot.actuated] = np.eye(robot.n_a)
         if self._linearise(self.q) == np.inf:
@@ -215,8 +216,8 @@ class ControlCycle:
 
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
         tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2. P and
-        T of the last cycle predict the step; afterwards they are those of the new configuration, even if it is
-        refused.
+        T of the last cycle predict the step; afterwards they are those of the new configuration, even of a
+        refused one.
         """
         last_determinant = np.linalg.det(self._P)
         motor_step = target - self._motors  # (n_a,)
@@ -276,7 +277,8 @@ class ControlCycle:
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):
-            self.x, self.dx = q[platform.q_indices], self.v[platform.columns]
+            self.x = q[platform.q_indices]
+            self.dx = self.v[platform.columns]
         elif isinstance(platform, FramePlatform):
             self.x, self.dx = self._platform_motion(platform)
 
@@ -338,9 +340,11 @@ class SinglePose:
 
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
-        rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
+        rows = robot.rows
+        scratch = Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
-        self.robot, self.scratch = robot, scratch
+        self.robot = robot
+        self.scratch = scratch
         self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
@@ -356,7 +360,9 @@ class SinglePose:
         Each row of the Jacobian is a wrench times the screws of the joints: a force a at the second frame's
         origin, or for a rotation the couple b x a, with a and b of `_update_residual`.
         """
-        scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
+        scratch = self.scratch
+        rows = self.robot.rows
+        wrench = self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
         force, second = self._update_residual(q)  # a and b
@@ -415,7 +421,8 @@ class SinglePose:
         The residual of a loop equation is weight a . b - constant. The vectors a and b are axes of its two
         frames or the offset between their origins, see `row_factors`.
         """
-        scratch, rows = self.scratch, self.robot.rows
+        scratch = self.scratch
+        rows = self.robot.rows
         # pinocchio stores three axes and the origin of each frame of the model, one after another
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)

@@ -97,7 +97,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"got {period!r}"
         )
 
-    robot, dynamics = plan.robot, plan.dynamics
+    robot = plan.robot
+    dynamics = plan.dynamics
     # rounding must not lose the instant at the end
     count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)

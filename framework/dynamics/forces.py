@@ -123,7 +123,8 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 
 def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
     """Compute the mass matrices (T, nv, nv) of the open tree at q (T, nq), rotors not included."""
-    model, data = robot.model, scratch_of(robot).data
+    model = robot.model
+    data = scratch_of(robot).data
     upper = np.empty((len(q), model.nv, model.nv))
     for k in range(len(q)):
         upper[k] = pin.crba(model, data, q[k])
@@ -236,7 +237,8 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Ar
     Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
     pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
     """
-    data, nv = scratch_of(robot).data, robot.nv
+    data = scratch_of(robot).data
+    nv = robot.nv
     by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.computeRNEADerivatives(robot.model, data, q, v, a)
@@ -259,7 +261,8 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
         multipliers: (T, m) the constant lambda of the independent loop equations.
         changes: changes of q, v and a by unit steps of k coordinates.
     """
-    linearised, dq = motion.linearised, changes.q
+    linearised = motion.linearised
+    dq = changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
@@ -288,5 +291,6 @@ def driven_force_changes(
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)
     changed += robot.rotors * changes.accelerations
+    # springs resist steps of positions, the first ones
     changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
     return changed

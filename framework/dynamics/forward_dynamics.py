@@ -236,8 +236,8 @@ def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Arr
     """
     by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
     motor_slopes = [by_ddy @ slope for slope in slopes]
-    motor_slopes[0] += by_y[..., :d]
-    motor_slopes[1] += by_dy[..., :d]
+    motor_slopes[0] += by_y[..., :d]  # the derivative by y
+    motor_slopes[1] += by_dy[..., :d]  # the derivative by dy
     return motor_slopes
 
 

@@ -213,7 +213,8 @@ def resolve(
         NoAnswer: as `inverse_dynamics`.
     """
     check_tolerance(tolerance)
-    robot, law = searched.branch.robot, choose_law(None, None)
+    robot = searched.branch.robot
+    law = choose_law(None, None)
     crossings = rigid_crossings(searched.branch, searched.points, law)
     if geometry == "rigid":
         check_bounded(robot, crossings, CONDITION_RESIDUAL)
@@ -366,7 +367,9 @@ class _Refinement:
         Args:
             solution: motion, forces and deflections on the nodes of the grid.
         """
-        branch, grid, motion = self.searched.branch, solution.grid, solution.motion
+        branch = self.searched.branch
+        grid = solution.grid
+        motion = solution.motion
         robot = branch.robot
         torques = grid.fit(motor_torque(robot, motion, solution.forces.joint_torque))
         q = motion.q

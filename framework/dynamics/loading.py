@@ -147,7 +147,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         if not len(live):
             break
         # a step of each configuration; accepted ones move on
-        start, live_load = select(current, live), load.select(live)
+        start = select(current, live)
+        live_load = load.select(live)
         ends = _take_steps(robot, start, live_load, step[live])
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
         assign(current, live[ends.accepted], select(ends.points, ends.accepted))

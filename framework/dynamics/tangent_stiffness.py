@@ -161,7 +161,8 @@ def _curvature(
         multipliers: lambda (T, m).
         load: the wrench w on the platform, and the share (T,) of w that acts.
     """
-    frames, platform = linearised.frames, robot.platform
+    frames = linearised.frames
+    platform = robot.platform
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
     motions[:, :, moving_columns(robot)] = steps.swapaxes(1, 2)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations

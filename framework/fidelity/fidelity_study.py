@@ -78,7 +78,8 @@ class FidelityStudy(ReadOnlyArrays):
         this friction, so that the torque against it is unbounded near Type 2. Zero without such friction;
         infinite if the motors do no work.
         """
-        plan, friction = self.highest, neglected_friction(self.highest.dynamics)
+        plan = self.highest
+        friction = neglected_friction(self.highest.dynamics)
         if not friction.any():
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
@@ -191,7 +192,8 @@ class FidelityStudy(ReadOnlyArrays):
 
     def _entry(self, comparison: Comparison) -> Document:
         """Return the entry of a compared level in the document of `to_dict`."""
-        name, spring = comparison.level.name, comparison.deflection
+        name = comparison.level.name
+        spring = comparison.deflection
         return {
             "level": name,
             "models": comparison.level.summary,

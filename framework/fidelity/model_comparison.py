@@ -189,7 +189,8 @@ class ReferenceMotion:
         Args:
             motion: with the torques of the level.
         """
-        platform_error, reason = np.full(len(self.times), np.nan), ""
+        platform_error = np.full(len(self.times), np.nan)
+        reason = ""
         started = time.perf_counter()
         try:
             simulation = self._simulate_motion(motion)
@@ -217,7 +218,8 @@ class ReferenceMotion:
             planned = motion.platform(np.array([min(t, motion.duration)]))
             return float(self.max_error - self._platform_distance(q[None], planned)[0])
 
-        robot, plan = self.highest, self.plan
+        robot = self.highest
+        plan = self.plan
         has_same_springs = plan.robot.elastic_names == robot.elastic_names
         start = plan.configuration(0.0) if has_same_springs else assemble(robot, plan.platform(0.0)).q
         return simulate(
@@ -234,7 +236,8 @@ class ReferenceMotion:
 
     def _make_drive(self, motion: InverseDynamics) -> Drive:
         """Return the drive with the torques of a level's motion, plus controllers of the motors if any."""
-        robot, control = self.highest, self.control
+        robot = self.highest
+        control = self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
             return feedforward

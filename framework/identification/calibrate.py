@@ -447,7 +447,7 @@ class GaussNewton:
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
-        # Student's quantile of the same probability as DEVIATIONS deviations of a normal distribution
+        # widen by Student's quantile (stdtrit) at the probability of DEVIATIONS normal deviations (ndtr)
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 

@@ -165,7 +165,8 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
 
     These are the rows of closures that lock all translations (of a planar robot, both in the plane) between
     frames without a common moving joint. Such equations are equivalent on any three axes. On the axes of the
-    base no second derivative mixes joints of the two chains.
+    base no second derivative mixes joints of the two chains. Rows are indices among the independent loop
+    equations, `robot.loops`; `robot.rows` are all of them, with redundant ones.
     """
     loops = robot.loops
     normal = planar_axis(robot)

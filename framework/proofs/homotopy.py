@@ -190,7 +190,8 @@ def _count_paths(
     proved = proof.proved
     # (S,) each, of the paths that arrived
     is_infinite = ends.infinite[ends.arrived] & ~proved
-    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
+    first_member = group.members[0]  # zero at infinity alone
+    is_infinite[proved] = ~_have_no_infinite_point(first_member, z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
     return PathCount(
@@ -208,13 +209,13 @@ def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> Bo
     by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
     rounding, the polydisc holds no point at infinity.
     """
-    slopes = z @ quadric
+    slopes = z @ quadric  # A z
     value = np.abs(np.sum(slopes * z, axis=1))
     A_size = np.abs(quadric)
     z_size = np.abs(z)
     max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
     rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
-    return value > ROUND_UP**2 * (max_change + 2 * rounding)
+    return value > ROUND_UP**2 * (max_change + 2 * rounding)  # that of the value, and that of the change
 
 
 # ------------------------------------------------------------------ solution paths

@@ -53,6 +53,7 @@ def hand_document(robot: ParallelRobot) -> Document:
     start = describe_jogged_pose(robot, reference.q)
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
+    # `wrench_kind` is "force along" or "torque about": the second word leads to t_s
     document: Document = plain(
         page_robot_document(robot, poses, robot_sight(robot))
         | {
@@ -84,11 +85,13 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
         InvalidInput: the movement lacks an entry, or has a wrong one.
     """
     try:
-        q, part = np.array(movement["q"], dtype=float), movement["part"]
+        q = np.array(movement["q"], dtype=float)
+        part = movement["part"]
         if part == "drag":
             place = np.array(movement["place"], dtype=float)
         else:
-            index, value = int(movement["index"]), float(movement["value"])
+            index = int(movement["index"])
+            value = float(movement["value"])
     except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
     if part == "drag":

@@ -216,8 +216,9 @@ def _film_to_draw(films: Sequence[Film]) -> Film:
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
     """Return the mark of a dot on a film's curve in the eye."""
-    s, demand = film.law(film.time), film.motors.force_along(twist)
-    color, _, mark, _ = THREADS if film.proved else MISSES
+    s = film.law(film.time)  # (F,)
+    demand = film.motors.force_along(twist)  # (F,)
+    color, _dash, mark, _verdict = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
     curve = np.column_stack([s, demand])[:, None]  # (F, 1, 2)
     return _Mark(dot, _end_time(film), lambda t: dot.set_data(curve[film.frame_at(t)].T))

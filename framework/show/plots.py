@@ -136,7 +136,8 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
 
 def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     """Magnify in a corner the shift of the first crossing by the deflections."""
-    crossing, loaded = plan.crossings[0], plan.loaded_points[0]
+    crossing = plan.crossings[0]
+    loaded = plan.loaded_points[0]  # the singular point with forces and springs counted, if found
     at_rest = min((point.s for point in searched.points), key=lambda s: abs(s - crossing.s))
     shift = abs(crossing.s - at_rest)
     if shift < SAME_PLACE:  # the deflections do not visibly move the locus
@@ -198,6 +199,7 @@ def plot_phase_plane(
     """
     axes = new_figure(2, height=1.9) if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
+    # s, s' and s" of each plan
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
     _draw_phase_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
@@ -251,7 +253,8 @@ def plot_raw_torques(
 def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
     """Return functions that draw the figures of a plan and its film, by name.
 
-    Plans with crossings also have the eye; optimal laws also have the phase plane.
+    Plans with crossings also have the eye; optimal laws also have the phase plane. Each function returns one
+    of its axes, which stands for the whole figure.
     """
     drawings: dict[str, Callable[[], Axes]] = {
         "robot": lambda: plot_still(film),
@@ -261,6 +264,7 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
         "wrench": lambda: plot_wrench(plan),
     }
     if plan.crossings:
+        # motors without a torque limit get one for this picture
         drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
@@ -336,7 +340,8 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     first = films[0]
     ax = ensure_axes(ax)
     twist = twist_at_singularity(films)
-    s, s_singular = first.law(first.time), first.instants[0].s
+    s = first.law(first.time)  # (F,)
+    s_singular = first.instants[0].s
     reach = first.motors.reach(twist, limit)
     motors = describe_motors(first.robot, limit, peak_torque(films))
     ax.fill_between(s, -reach, reach, **BAND, label=f"what {motors} can give")
@@ -353,7 +358,8 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
 
 def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
     """Draw the force along t_s that a film needs; return its peak within `s_range`."""
-    s, demand = film.law(film.time), film.motors.force_along(twist)  # (F,)
+    s = film.law(film.time)  # (F,)
+    demand = film.motors.force_along(twist)  # (F,)
     s_singular = film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"

@@ -75,10 +75,12 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
 
     All `films` of the robot share sight, torque limits and scale, and the curves in `traced`.
     """
-    robot, time = film.robot, film.time
+    robot = film.robot
+    time = film.time
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
-    limit, peak = film_limit(film, films), peak_torque(films_with_motors_of(film, films))
+    limit = film_limit(film, films)  # (n_a,) [N m]
+    peak = peak_torque(films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
     W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
@@ -181,7 +183,8 @@ def _spring_document(film: Film, size: float) -> Document | None:
     robot = film.robot
     if not robot.n_e:
         return None
-    slides, length = robot.sliding[robot.elastic], COIL_LENGTH * size
+    slides = robot.sliding[robot.elastic]  # (n_e,)
+    length = COIL_LENGTH * size  # [m] of a coil
     coils = []
     for k, name in enumerate(robot.elastic_names):
         node, place, axis = joint_axis(robot, int(robot.elastic[k]))
@@ -266,7 +269,8 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 def why_no_figure(robot: ParallelRobot) -> str:
     """Return why the motors' forces are not drawn as one figure; empty if drawn."""
-    platform, kinds = robot.platform, len(set(robot.translations))
+    platform = robot.platform
+    kinds = len(set(robot.translations))
     if robot.n == 1:
         return ""
     if not isinstance(platform, FramePlatform) or not platform.constant:
@@ -328,7 +332,7 @@ def locus_lines(
     for curve in curves.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)  # (M, 3): other coordinates as in the first frame
         line[:, robot.platform.along] = curve
-        offsets = line[:, None] - platform[::20]  # (M, F / 20, 3)
+        offsets = line[:, None] - platform[::20]  # (M, F / 20, 3); every 20th frame is dense enough
         is_near = np.linalg.norm(offsets, axis=2).min(axis=1) < beside * robot.length
         is_near |= is_near.mean() > 0.5  # a curve that is mostly near is drawn whole
         ends = np.flatnonzero(np.diff(is_near)) + 1

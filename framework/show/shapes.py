@@ -48,6 +48,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
     else:
         _, middle, longest = np.sort(2 * shape.half_edges / spacing)  # edges, in spacings
+        # two points for each square of the grid on six faces, all as large as the largest
         count = int(min(MAX_SURFACE_POINTS, 12 * (longest + 1) * (middle + 1)))
         # a spiral of golden angles on the unit sphere
         height = (2 * np.arange(count) + 1) / count - 1
@@ -88,13 +89,13 @@ def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
 
 
 def placement_with_z_along(place: Array, axis: Array) -> Array:
-    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
-    third = axis / np.linalg.norm(axis)
-    aside = np.eye(3)[np.argmin(np.abs(third))]
-    first = np.cross(aside, third)
-    first /= np.linalg.norm(first)
+    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,); x and y are any axes across it."""
+    z = axis / np.linalg.norm(axis)
+    base_axis = np.eye(3)[np.argmin(np.abs(z))]  # least parallel to z, so that x is not zero
+    x = np.cross(base_axis, z)
+    x /= np.linalg.norm(x)
     placement = np.eye(4)
-    placement[:3] = np.stack([first, np.cross(third, first), third, place], axis=1)
+    placement[:3] = np.stack([x, np.cross(z, x), z, place], axis=1)
     return placement
 
 

@@ -78,8 +78,10 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjec
 @lru_cache(maxsize=16)
 def film_sight(film: Film) -> Sight:
     """Choose the view of a motion at its first singular instant, or else halfway."""
-    robot, k = film.robot, film.key_frame
-    arrow, normal = np.zeros(3), None
+    robot = film.robot
+    k = film.key_frame
+    arrow = np.zeros(3)
+    normal = None  # to the locus
     if film.instants:
         shift, turn = np.split(film.twists[k], 2)
         arrow = shift if len(robot.platform.sliding) else turn
@@ -114,11 +116,18 @@ def _best_direction(
 ) -> Array:
     """Choose the direction (3,) to the eye that shows most of the robot.
 
-    The score is the visible share of the bodies, less up to 0.3 of it away from the usual direction. For a
-    spatial robot it is multiplied by the shares of arrow and path that lie across the line of sight, and by
-    how much the surface faces the eye.
+    The score of a direction is the visible share of the bodies, reduced by up to 30 % with the angle from the
+    usual direction. For a spatial robot it is multiplied by the share of the wanted arrow that lies across
+    the line of sight, by the root of this share of the path, and by the root of the cosine between the eye
+    and the normal of the wanted surface. Roots count less: the arrow matters most.
+
+    Args:
+        points, nodes: points (m, 3) on the bodies, in cells of the picture, and the node (m,) of each.
+        normal: (3,) to the plane of a planar robot; None in space.
+        wanted: other objects to show; None without any.
     """
     directions, usual = _candidate_directions(normal)
+    # (k, nodes) visible cells of each body in each of k directions
     areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
     angles = np.arccos(np.clip(directions @ usual, -1.0, 1.0))
     scores = _score_visibility(areas) * (1.0 - 0.3 * (angles / np.pi))
@@ -180,7 +189,7 @@ def _score_visibility(areas: IntArray) -> Array:
 def _fraction_across(arrows: Array, directions: Array) -> Array:
     """Return the share (k,) of the length of arrows (m, 3) across each line of sight.
 
-    1 for arrows without length.
+    The lines of sight have the unit `directions` (k, 3). The share is 1 for arrows without length.
     """
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T  # (k, m)

@@ -33,7 +33,8 @@ PALETTE = "cividis"
 def plot_study(study: DesignStudy) -> Axes:
     """Plot areas, and ranges of quantities, over each parameter of a study.
 
-    A design has the same colour in all cells. A design that makes no robot is a cross at the bottom.
+    A design has the same colour in all cells. A design that makes no robot is a cross at the bottom. The axes
+    returned stand for the whole figure.
     """
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]

@@ -232,7 +232,8 @@ class StepEquations:
         Without balls the rate is v. With balls the rate depends on the offset, which is the integral of the
         rate. So it is computed by fixed-point iteration from a `guess`, or from v if the guess is zero.
         """
-        robot, q0 = self.equations.robot, self.start.q
+        robot = self.equations.robot
+        q0 = self.start.q
         if not robot.has_balls:
             return v
         rate = guess if guess.any() else v
@@ -316,7 +317,7 @@ class StepEquations:
     def _unresolved_part(self, offset_rate: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        The coefficient is that of the tangent offset. It is extrapolated from the coefficients of the
+        The coefficient is that of the tangent offset. It is extrapolated from those of the
         `offset_rate` (s, nv): from the largest of the last pair, by its ratio to the largest of the previous
         pair. Pairs are compared because every other coefficient of an even or odd motion vanishes.
         """

@@ -104,7 +104,8 @@ def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array,
         Joint rates (nv, d) of d motions that move mass; joint rates (nv, k) of k motions without mass.
     """
     allowed = allowed_motions(equations, tangent)
-    basis, light = allowed.basis[0], allowed.light[0]
+    basis = allowed.basis[0]
+    light = allowed.light[0]
     return basis[:, ~light], basis[:, light]
 
 
@@ -125,13 +126,14 @@ def consistent_state(
         NotAssembled: the loops do not close from q.
         NotConverged: the springs of massless parts find no balance.
     """
-    robot, scale = equations.robot, equations.robot.column_scale
+    robot = equations.robot
+    scale = equations.robot.column_scale
     driven = equations.motor_forces(torque[None])[0]
     size = np.inf
     for _ in range(MAX_ITERATIONS):
         tangent = equations.tangent_at_rest(q)
         _, light = free_motions(equations, tangent)
-        # the least step that closes the loops, measured in radians and robot lengths
+        # the least step that closes the loops, measured in radians and robot lengths; `tangent` has T = 1
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:

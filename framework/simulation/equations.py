@@ -123,14 +123,15 @@ class EquationsOfMotion:
         Returns:
             The left side with its derivatives by q, v and a, and the loop equations.
         """
-        model, scratch = self.robot.model, scratch_of(self.robot)
+        model = self.robot.model
+        scratch = scratch_of(self.robot)
         data = scratch.data
         T, nv = v.shape
         force = np.empty((T, nv))
         by_q, by_v, mass = np.empty((3, T, nv, nv))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of `force`, `by_q`, `by_v` and `mass` with the terms of the tree; return the model."""
+            """Fill row k of force, by_q, by_v and mass with the terms of the tree; return the model."""
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             force[k] = data.tau
             by_q[k] = data.dtau_dq
@@ -160,7 +161,8 @@ class EquationsOfMotion:
 
         Heights are above the base. Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
         """
-        model, data = self.robot.model, scratch_of(self.robot).data
+        model = self.robot.model
+        data = scratch_of(self.robot).data
         tree = [pin.computeMechanicalEnergy(model, data, *state) for state in zip(q, v, strict=True)]
         rotors = 0.5 * (v**2 @ self.robot.rotors)
         deflection = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest  # (T, nv)

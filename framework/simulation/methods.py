@@ -124,7 +124,8 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
         steps.append(step)
         power = step.power - step.v**2 @ task.equations.damping  # [W] at the s nodes
         weights = step.length * step.table.integration[-1]  # (s,) of the integral to the last node, the end
-        work, exchange = float(weights @ power), float(weights @ np.abs(power))
+        work = float(weights @ power)
+        exchange = float(weights @ np.abs(power))
         if record.add_step(Polynomials(robot, (step,)), work, exchange):
             break
     unresolved = max(step.unresolved for step in steps)
@@ -171,7 +172,8 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
     the work of constant forces along the step.
     """
-    drive, robot = task.drive, task.equations.robot
+    drive = task.drive
+    robot = task.equations.robot
     stepper = Stepper.from_equations(task.equations)
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
@@ -303,7 +305,8 @@ class ContactDynamics:
                 with several degrees of freedom.
         """
         _check_contact_robot(equations)
-        robot, rows = equations.robot, equations.robot.rows
+        robot = equations.robot
+        rows = equations.robot.rows
         model = robot.model.copy()
         model.armature[:] += equations.rotors
 

@@ -147,7 +147,8 @@ def simulation_result(
         samples: number of equidistant instants; fixed steps are reported at their ends instead.
         seconds: computing time [s].
     """
-    robot, trajectory = equations.robot, run.trajectory
+    robot = equations.robot
+    trajectory = run.trajectory
     edges = trajectory.edges  # (steps + 1,) [s] instants at which steps begin and end
     occurrences = tuple(run.record.occurred)
     end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])

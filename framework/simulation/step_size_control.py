@@ -70,6 +70,7 @@ def collocate(
     for time, end in pairwise(drive.edges(duration)):
         previous = None  # the last step, from which the next one is guessed
         while time < end:
+            # take the first length with which the step is solved; none is left in the end (`else`)
             for candidate, leniency in _step_lengths(length, usual, end - time, SAME_PLACE * duration):
                 step_equations = StepEquations(equations, drive, table, time, candidate, start)
                 try:

@@ -343,7 +343,7 @@ class Stepper:
         twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of `mass`, `bias` and `twists` with the terms of the tree; return the model."""
+            """Fill row k of mass, bias and twists with the terms of the tree; return the model."""
             mass[k] = pin.crba(models[k], scratch.data, q[k])
             bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]
