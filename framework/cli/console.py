@@ -68,7 +68,7 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
     if len(line) <= most:
         return line
     left_out = f" [... {len(line)} characters ...] "
-    beginning = line[: max(most - 200, 0)]
+    beginning = line[: max(most - 200, 0)]  # about 200 letters are left for the hint and the end
     return beginning + left_out + line[len(line) - most + len(beginning) + len(left_out) :]
 
 

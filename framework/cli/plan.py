@@ -213,6 +213,7 @@ def plan_lines(plan: CrossingPlan) -> list[str]:
     is_polynomial = plan.law.kind == Law.kind
     law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
+    # a polynomial needs a reason only if it was chosen for another one than that it advances, or nearly stops
     was_chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
     tells_reason = not is_polynomial or was_chosen or NEARLY_STOPS in plan.reason
     reason = [Fact("law", plan.reason)] if tells_reason else []

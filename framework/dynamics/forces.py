@@ -234,15 +234,18 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
 def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
     """Compute the derivatives of the open tree's forces by q, v and a, each (T, nv, nv).
 
-    Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
-    pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
+    Column i of a derivative belongs to the joint coordinate i of the velocity vector; derivatives by q are
+    along tangent vectors of pinocchio's configurations. The derivative by a is the mass matrix with armature,
+    without rotors.
     """
     data = scratch_of(robot).data
     nv = robot.nv
     by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.computeRNEADerivatives(robot.model, data, q, v, a)
-        by_q[k], by_v[k], by_a[k] = data.dtau_dq, data.dtau_dv, data.M
+        by_q[k] = data.dtau_dq
+        by_v[k] = data.dtau_dv
+        by_a[k] = data.M
     if robot.joint_stiffness.any():
         by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
     by_v += np.diag(robot.joint_damping)

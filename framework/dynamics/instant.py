@@ -393,7 +393,8 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(robot.model, scratch.data, q)
         pin.rnea(robot.model, scratch.data, q, v, a)
-        poses[k], forces[k] = scratch.joint_placements, scratch.forces
+        poses[k] = scratch.joint_placements
+        forces[k] = scratch.forces
     rotations = rotation_matrices(poses)[:, :, None]
     on_base_axes = matvec(rotations, forces.reshape(*forces.shape[:2], 2, 3))  # forces and moments apart
     return on_base_axes.reshape(forces.shape), poses[..., 9:]

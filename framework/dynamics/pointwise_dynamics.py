@@ -446,12 +446,12 @@ def dynamics_derivatives(
     force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
     slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
 
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+    torque_x, torque_dx, torque_ddx = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
-        torque_x=slopes[0],
-        torque_dx=slopes[1],
-        torque_ddx=slopes[2],
+        torque_x=torque_x,
+        torque_dx=torque_dx,
+        torque_ddx=torque_ddx,
         _robot=robot,
         _motion=motion,
     )

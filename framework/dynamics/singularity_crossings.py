@@ -82,7 +82,8 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted[0] -= s  # the series of law(t) - s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
         for _ in range(NEWTON_STEPS if len(t) else 0):
-            residual, slope = np.asarray(law(t)) - s, np.asarray(law(t, 1))
+            residual = np.asarray(law(t)) - s
+            slope = np.asarray(law(t, 1))
             # no step where the law stands still
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)

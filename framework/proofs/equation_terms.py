@@ -65,7 +65,8 @@ class Chain(NamedTuple):
 
     def joint_tuples(self, count: int) -> IntArray:
         """Return all tuples of `count` joints (count, L, .., L), each sorted from the first frame on."""
-        return np.sort(np.indices(count * self.columns.shape), axis=0)
+        shape = count * self.columns.shape  # (L, .., L), `count` times
+        return np.sort(np.indices(shape), axis=0)
 
 
 class Term(NamedTuple):
@@ -87,7 +88,7 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
-        for coordinate, axis in enumerate(platform.axes.tolist()):  # x, y, z; turns about x, y, z
+        for coordinate, axis in enumerate(platform.axes.tolist()):  # 0..5: along x, y, z; about x, y, z
             kind = "point" if robot.translations[coordinate] else "turn"
             terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)

@@ -151,7 +151,7 @@ class Displacements:
         z, direction = complex_normal(rng, (2, self.size))  # (N,) each
         for S in self.fixed:  # z + t direction is on the quadric at the roots t
             t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
-            z = z + t[0] * direction
+            z = z + t[0] * direction  # either root will do
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
@@ -243,7 +243,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     """
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)  # x . y = 0
-    fixed = study[np.ix_(np.arange(1), coordinates, coordinates)]
+    fixed = study[:, coordinates[:, None], coordinates]  # (1, N, N)
     fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
     members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
     return Displacements(name, members, fixed, bound, chosen, coordinates)

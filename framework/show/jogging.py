@@ -136,14 +136,15 @@ def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return the motors' torques against a push along t_s, their forces, and lines of action.
 
     Torques exist off the singularity only, and for a platform that either shifts or turns: a push on one
-    that does both has no single unit.
+    that does both has no single unit. `sides` (n_a, 3) are the forces of motors with torques of 1 N m, and
+    `lines` (n_a, 2, 3) the lines of these forces: a point and the direction. What does not exist is None.
     """
     document: Document = dict.fromkeys(("torques", "sides", "lines"))
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return document
-    speeds = hold.motor_speed[None]
+    speeds = hold.motor_speed[None]  # (1, n_a, n) for unit twists: its rows are the motors' wrenches
     if pose.g is not None:
         has_one_unit = len(set(robot.platform.translations)) == 1
         if has_one_unit and pose.level != "singular" and hold.torque is not None:

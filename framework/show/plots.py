@@ -58,6 +58,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
     """Plot s(t) and its first two derivatives on three axes."""
     axes = new_figure(3, height=1.25) if axes is None else list(axes)
     times = _sample_times(plan)
+    # by the names that the values have in a crossing
     labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
     for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))

@@ -291,7 +291,10 @@ def _action_line_document(film: Film) -> Document | None:
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:
-    """Return the locus near the film's closest approach; None without a measure."""
+    """Return the locus near the film's closest approach; None without a measure.
+
+    It is a patch of a surface about the singular point, if there is one in space, or else curves.
+    """
     if not film.has_measure:
         return None
     nearest = film.key_frame if film.instants else int(np.argmin(np.abs(film.g)))

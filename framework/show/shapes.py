@@ -114,8 +114,9 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
         distances = [np.linalg.norm(axis.place - other.place) for other in axes if other is not axis]
         is_shared = min(distances, default=size) < 0.01 * size  # other motors are at the same place
         if not robot.sliding[column]:
+            # motors at one place would hide each other: each is drawn about a cylinder of its own body
             motors.append(_drum_motor(axis, bodies if is_shared else [], size))
-        elif axis.joint:
+        elif axis.joint:  # the rail is a leg; 0 is the base
             motors.append(_drum_about_leg(axis, bodies, size))
         else:
             motors.append(_block_motor(carried_axis(robot, int(column)), size))

@@ -96,7 +96,7 @@ def film_sight(film: Film) -> Sight:
 def project_along(toward: Array) -> Projection:
     """Return the projection for an eye in direction (3,) from the robot.
 
-    z points up on the paper; in a view along z, y does.
+    z points up on the paper; in a view along z, or less than about 45 degrees off, y does.
     """
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
