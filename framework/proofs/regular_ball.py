@@ -17,6 +17,9 @@ at the middle,
 
 has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
 R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
+
+Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
+units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
