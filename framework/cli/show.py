@@ -65,7 +65,7 @@ def run_show(options: Namespace) -> Report:
             page = film_picture(filmed, FilePath(file).suffix[1:])
         return _report_file(file, page, filmed, chosen=not films)
     if films:
-        return _serve_page(options, film_page(films), None)
+        return _serve_page(options, film_page(films), robot=None)
     robot = arguments.load(options)
     return _serve_page(options, hand_page(robot), robot)
 

@@ -356,7 +356,7 @@ class _VariedRobots(NamedTuple):
             stepper = Stepper.of(varied_robots, like=ref.robot)
             copies = (len(variations), 1)
             q = np.tile(ref.motion.q[0], copies)
-            start = stepper.start(q, None, np.tile(ref.torque[0], copies), world=world)
+            start = stepper.start(q, torque=np.tile(ref.torque[0], copies), world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"

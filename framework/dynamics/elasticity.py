@@ -89,7 +89,7 @@ def solve_deflections(
     """
     robot = branch.robot
     at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-    current = evaluate_pass(branch, grid, first_law, at_rest, None)
+    current = evaluate_pass(branch, grid, first_law, at_rest, neighbour=None)
     if geometry == "rigid":
         return _small_displacements(branch, grid, current)
     _check_stiffness(robot, grid, current)

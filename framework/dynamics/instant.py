@@ -230,7 +230,7 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
     stacked = {}
     for frame, wrench in (wrenches or {}).items():
         check_frame(robot, frame)
-        stacked[frame] = stack_rows(f"wrenches: {frame}", wrench, 6, count)
+        stacked[frame] = stack_rows(f"wrenches: {frame}", wrench, width=6, count=count)
     return stacked
 
 

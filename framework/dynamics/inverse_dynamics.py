@@ -217,7 +217,7 @@ def resolve(
     """
     check_tolerance(tolerance)
     robot = searched.branch.robot
-    law = choose_law(None, None)
+    law = choose_law(None, None)  # for springs at rest
     crossings = rigid_crossings(searched.branch, searched.points, law)
     if geometry == "rigid":
         check_bounded(robot, crossings, CONDITION_RESIDUAL)

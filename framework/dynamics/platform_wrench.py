@@ -142,7 +142,7 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     stack, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
     G = stack[0]
     if robot.n_a != robot.n or np.linalg.matrix_rank(G) < robot.n:
-        return Hold(G, None)
+        return Hold(G, torque=None)
     return Hold(G, np.linalg.solve(G.T, wrench))
 
 

@@ -160,7 +160,7 @@ class InverseDynamics(ReadOnlyArrays):
         s_and_rates = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
         x, dx, ddx = time_derivatives(self.path, s_and_rates)
         closed = close_loops(self.robot, x, self.configuration(times))
-        rates = self.deflection(times, 1), self.deflection(times, 2)
+        rates = self.deflection(times, order=1), self.deflection(times, order=2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
         frames = closed.linearised.frames
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, frames, s_and_rates[0]))

@@ -84,7 +84,7 @@ class FidelityStudy(ReadOnlyArrays):
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
         dissipated = np.abs(plan.velocity(times)) @ friction  # (T,) [W]
-        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)  # (T,) [W]
+        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, order=1)).sum(axis=1)  # (T,) [W]
         motor_work = np.trapezoid(supplied, times)
         return float(np.trapezoid(dissipated, times) / motor_work) if motor_work else np.inf
 

@@ -151,7 +151,9 @@ class ReferenceMotion:
         for name, (motion, seconds, reason) in motions:
             level = LEVELS_BY_NAME[name]
             if motion is None:
-                comparison = Comparison(level, None, unknown, unknown, reason)
+                comparison = Comparison(
+                    level, motion=None, torque_error=unknown, platform_error=unknown, reason=reason
+                )
             elif previous is not None and self._is_equal(motion, previous.motion):
                 lowest = previous.same_as or previous.level.name
                 comparison = replace(previous, same_as=lowest)
@@ -248,7 +250,7 @@ class ReferenceMotion:
         def torque(t: Array, q: Array, v: Array) -> Array:
             """Compute motor torques (T, n_a) at t (T,), q (T, nq) and v (T, nv)."""
             angle_error = motion.motor_angle(t) - robot.gear_ratio * robot.actuated_coordinates(q)
-            speed_error = motion.motor_angle(t, 1) - robot.gear_ratio * v[:, robot.actuated]
+            speed_error = motion.motor_angle(t, order=1) - robot.gear_ratio * v[:, robot.actuated]
             return feedforward.function(t, q, v) + control.torque(angle_error, speed_error)
 
         return replace(feedforward, function=torque, feedback=True)

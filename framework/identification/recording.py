@@ -282,7 +282,7 @@ def record_sensors(
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),
         _add_sensor_errors(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
-        _add_sensor_errors(random, simulation.platform(times), platform_noise, 0.0),
+        _add_sensor_errors(random, simulation.platform(times), platform_noise, step=0.0),
     ]
     values = np.concatenate(columns, axis=1)
     return Recording(f"sensors of {robot.name}", recording_columns(robot)[: values.shape[1]], values)

@@ -94,7 +94,7 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
     if isinstance(platform, FramePlatform):
         for coordinate, axis in enumerate(platform.axes.tolist()):  # 0..5: along x, y, z; about x, y, z
             kind = "point" if robot.translations[coordinate] else "turn"
-            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
+            terms.append(Term(coordinate, (BASE, 0), kind, first_axis=axis % 3))
     base_axes = _rows_on_base(robot)
     for row in range(len(robot.loops.names)):
         number = robot.n + row  # of the equation; those of the platform come first

@@ -159,7 +159,7 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
         is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
         no_axis = np.full(narrow.size, NO_AXIS)
         undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, no_axis, is_small)
-        return Examined(None, undecided, pending)
+        return Examined(proved=None, undecided=undecided, pending=pending)
 
     # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
     # box, so that the search ends with the first one.

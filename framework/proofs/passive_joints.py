@@ -153,7 +153,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
     loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
     """
-    linearised = linearised_at(robot, q[None], None)
+    linearised = linearised_at(robot, q[None], x=None)
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops
     if not platform_locked:
@@ -167,7 +167,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
     slope_changes = np.full_like(J, second_derivative * k * radius + rounding)  # k joints move by the radius
     equations = LinearEnclosure(values, J, np.full_like(values, rounding))
-    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
+    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), parameter=None)
     return bool(proof.proved[0])
 
 

@@ -393,7 +393,7 @@ def _passive_block_is_regular(
 
     # linear change of Y P with the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, joint_slopes, optimize=True)  # (S, s, s, n)
-    step = _bound_over_cell(joint_slopes, half, 1)  # (S, k) of the joints
+    step = _bound_over_cell(joint_slopes, half, dual_norm=1)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _bound_over_cell(changes, half, dual_norm) + gamma(s * k) * rounded
 

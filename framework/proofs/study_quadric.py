@@ -252,14 +252,16 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
 @cache
 def spatial_displacements() -> Displacements:
     """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
-    return _displacement_group("displacements in space", 40, np.arange(17), np.arange(8))
+    return _displacement_group(
+        "displacements in space", bound=40, chosen=np.arange(17), coordinates=np.arange(8)
+    )
 
 
 @cache
 def spherical_displacements() -> Displacements:
     """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
-    return _displacement_group("turns about a point", 8, chosen, np.arange(4))
+    return _displacement_group("turns about a point", bound=8, chosen=chosen, coordinates=np.arange(4))
 
 
 @cache
@@ -273,7 +275,7 @@ def planar_displacements(axis: int) -> Displacements:
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]  # the other entries of R follow from these two
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
     coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
-    return _displacement_group("displacements in a plane", 6, chosen, coordinates)
+    return _displacement_group("displacements in a plane", bound=6, chosen=chosen, coordinates=coordinates)
 
 
 @cache
@@ -283,4 +285,6 @@ def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     The conditions are circles or spheres.
     """
     chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
-    return _displacement_group("translations", 2, chosen, np.array([_X_0, *_Y[list(axes)]]))
+    return _displacement_group(
+        "translations", bound=2, chosen=chosen, coordinates=np.array([_X_0, *_Y[list(axes)]])
+    )

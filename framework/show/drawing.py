@@ -71,7 +71,7 @@ def draw_robot(
         sight: the view; when None the one that shows most of the robot at its reference. `sight.onto`
             projects points onto the picture.
     """
-    ax = ensure_axes(ax, 3.0)
+    ax = ensure_axes(ax, height=3.0)
     q = configuration(robot, robot.reference if q is None else q)
     sight = robot_sight(robot) if sight is None else sight
     faces = project_faces(robot, q, sight)
@@ -247,7 +247,7 @@ def plot_still(
     ax.autoscale_view()
     if planar_normal(robot) is None:  # planar robots have axes instead
         draw_scale_bar(ax, robot.length)
-    legend_above(ax, 3, fontsize=6)
+    legend_above(ax, columns=3, fontsize=6)
     return ax
 
 

@@ -224,7 +224,7 @@ def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
     They are those of the robot file. A motor without one gets 1.5 times the largest finite torque.
     """
     peak = np.abs(torque[np.isfinite(torque)]).max(initial=0.0)
-    limits = motor_limits(robot, "torque_limit", None)
+    limits = motor_limits(robot, "torque_limit", stated=None)
     return np.where(np.isfinite(limits), limits, 1.5 * peak or 1.0)
 
 

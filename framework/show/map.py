@@ -257,14 +257,14 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     robot = workspace.robot
     window = workspace.window
     unexplained = workspace.locus.unexplained  # points at which g changes its sign without a curve
-    curves = [_curve_document(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
+    curves = [_curve_document(curve.x, LOCUS, width=2.0, dash=[]) for curve in workspace.locus.curves]
     legend = [("singular locus (Type 2)", LOCUS, False)] if curves else []  # text, colour, whether an area
     if len(unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     mark = robot.reference.x[list(window.axes)]
     if path is not None:
         line, projected = path_on_map(workspace, path)
-        curves.append(_curve_document(line, PATH, 2.5, [7, 4]))
+        curves.append(_curve_document(line, PATH, width=2.5, dash=[7, 4]))
         legend.append((f"path, from the dot on{projected}", PATH, False))
         mark = line[0]
     if workspace.load is not None:
@@ -345,7 +345,7 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
     axes = list(locus.axes)
-    ax = ensure_axes(ax, 3.2)
+    ax = ensure_axes(ax, height=3.2)
     draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
     if plan is None:
         ax.plot(*reference.x[axes], "+", color=CROSSING, markersize=6, label="reference")
@@ -367,7 +367,7 @@ def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = Non
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
     free = [robot.actuator_names.index(name) for name in locus.free]
-    ax = ensure_axes(None, 3.2)
+    ax = ensure_axes(None, height=3.2)
     curves = [curve.motors[:, free] for curve in locus.curves if curve.kind == "type_2"]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4)
     cusps = [cusp.motors[free] for cusp in locus.cusps]
@@ -388,7 +388,7 @@ def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
 def _label_axes(ax: Axes, labels: list[str]) -> Axes:
     """Label both axes, and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    legend_above(ax, 2)
+    legend_above(ax, columns=2)
     return ax
 
 

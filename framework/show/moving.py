@@ -164,7 +164,7 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
     largest = 1.1 * max(film_limit(film, films).max() for film in films)
     marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
-        marks.append(_robot_mark(film, above, None))
+        marks.append(_robot_mark(film, above, limit=None))
         torques = np.clip(film.torque, -9 * largest, 9 * largest)  # far off the scale, but finite
         torques[film.time > _end_time(film)] = np.nan
         for k, torque in enumerate(torques.T):

@@ -65,7 +65,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
         ax.set_ylabel(label)
         _mark_crossings(plan, ax)
         for crossing in plan.crossings:
-            draw_dot(ax, crossing.time, getattr(crossing, key), 3)
+            draw_dot(ax, crossing.time, getattr(crossing, key), size=3)
     _label_time(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
@@ -82,7 +82,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the speed of each motor over time, motor side, with its limits."""
     ax, times = ensure_axes(ax), _sample_times(plan)
-    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, 1), "speed", plan.robot.speed_units)
+    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, order=1), "speed", plan.robot.speed_units)
     return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).speed_limit)
 
 
@@ -215,7 +215,7 @@ def plot_phase_plane(
     upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
     lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
     lower.set_xlabel("path coordinate  $s$")
-    legend_above(upper, 2)
+    legend_above(upper, columns=2)
     return axes
 
 
@@ -245,7 +245,7 @@ def plot_raw_torques(
         top = cut_off_poles(raw.torque)
         ax.set_ylim(-top, top)
     for pole in poles:
-        draw_dashed(ax, pole, ALARM, 0.8)
+        draw_dashed(ax, pole, ALARM, linewidth=0.8)
         ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
@@ -294,7 +294,7 @@ def _draw_motors(
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
-    legend_above(ax, 3)
+    legend_above(ax, columns=3)
 
 
 def _sample_times(plan: CrossingPlan) -> Array:
@@ -348,7 +348,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     ax.fill_between(s, -reach, reach, **BAND, label=f"what {motors} can give")
     low, high = np.clip([s_singular - SHOWN_PATH_SHARE, s_singular + SHOWN_PATH_SHARE], 0.0, 1.0)
     top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
-    draw_dashed(ax, s_singular, LOCUS, 0.8)
+    draw_dashed(ax, s_singular, LOCUS, linewidth=0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
     kind, unit = ("force along", "N") if np.any(twist[first.robot.translations]) else ("torque about", "N m")
     ax.set(xlabel="position on the path  $s$  (dashed: singular)")

@@ -193,8 +193,8 @@ def _spring_document(film: Film, size: float) -> Document | None:
     return {
         "coils": coils,
         "factors": {
-            "slide": _magnification(film.deflection[:, slides], 0.35 * length),
-            "turn": _magnification(film.deflection[:, ~slides], 0.35),  # [rad]
+            "slide": _magnification(film.deflection[:, slides], largest_drawn=0.35 * length),
+            "turn": _magnification(film.deflection[:, ~slides], largest_drawn=0.35),  # [rad]
         },
         "length": length,
         "deflection": encode_floats(film.deflection),
@@ -302,7 +302,7 @@ def _locus_document(film: Film, traced: Traced) -> Document | None:
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
     if film.robot.platform.is_point:
-        curves = _trace_once(film, 0, film.x, traced)
+        curves = _trace_once(film, frame=0, x=film.x, traced=traced)
     else:  # the locus also depends on the platform's other coordinates, which are those of one frame
         curves = _trace_once(film, nearest, film.x[[nearest]], traced)
     return encode_locus(film.robot, curves, film.platform)

@@ -193,5 +193,5 @@ def _fraction_across(arrows: Array, directions: Array) -> Array:
     """
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T  # (k, m)
-    seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)
+    seen = np.sqrt(np.maximum(length**2 - along**2, 0.0)).sum(axis=1)
     return seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions))

@@ -113,7 +113,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
     axes[-1].set_xlabel("path coordinate  $s$")
-    legend_above(axes[0], 2)
+    legend_above(axes[0], columns=2)
     return axes[0]
 
 
@@ -139,7 +139,7 @@ def plot_robustness(
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label="tolerance")
     limits = np.unique(loop.limit or ())
     for limit in limits[limits < 2.0 * torques.get_xlim()[1]]:
-        draw_dashed(torques, limit, ALARM, 0.8)
+        draw_dashed(torques, limit, ALARM, linewidth=0.8)
     torques.set_xlabel("peak motor torque  [N m]  (dashed: limits)")
     legend_above(errors)
     return errors

@@ -108,7 +108,7 @@ class WorldForces:
         return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
 
 
-NO_FORCES = WorldForces(ExternalWrenches(), None)
+NO_FORCES = WorldForces(ExternalWrenches(), path_coordinate=None)
 
 
 # ------------------------------------------------------------------ motor torques

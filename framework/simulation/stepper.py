@@ -128,7 +128,7 @@ class Stepper:
     @staticmethod
     def from_equations(equations: EquationsOfMotion) -> Stepper:
         """Make a stepper of one robot, with the damping of its equations of motion."""
-        return Stepper((equations,), _choose_scheme(equations, None))
+        return Stepper((equations,), _choose_scheme(equations, scheme=None))
 
     @property
     def robot(self) -> ParallelRobot:
