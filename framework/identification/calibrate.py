@@ -425,7 +425,7 @@ class GaussNewton:
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
     def _reweight(self, equations: ParameterEquations) -> float:
-        """Set the noise and the weights of the instants from residuals; return the cost that they give.
+        """Set the noise and the weights of the instants from residuals; return the new cost.
 
         The noise is estimated from the median residual. An instant with a residual above HUBER times the
         noise has Huber's weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of

@@ -89,7 +89,7 @@ def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
 
 
 def placement_with_z_along(place: Array, axis: Array) -> Array:
-    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,); x and y are any axes across it."""
+    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,), x and y anywhere across z."""
     z = axis / np.linalg.norm(axis)
     base_axis = np.eye(3)[np.argmin(np.abs(z))]  # least parallel to z, so that x is not zero
     x = np.cross(base_axis, z)
