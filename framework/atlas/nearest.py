@@ -17,6 +17,9 @@ search (`PoseSearch`) ends in a local minimum of the distance, and there may be 
 once per robot, on random walks from the reference, and searches start from the samples nearest to the target.
 
 Attributes of a robot: units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks.
 """
 
 from __future__ import annotations

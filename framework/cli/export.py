@@ -1,4 +1,7 @@
-"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson."""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load."""
+"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

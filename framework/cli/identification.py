@@ -1,4 +1,7 @@
-"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data."""
+"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

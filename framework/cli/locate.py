@@ -1,4 +1,7 @@
-"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections."""
+"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -41,6 +44,7 @@ def run_locate(options: Namespace) -> Report:
     robot = arguments.load(options)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
+    # a request needs a duration, on which singular points do not depend
     request = Request.of(robot, path, **{"duration": 1.0, **typed})
     searched = search_path(robot, path).under(request.external_wrenches)
     optimal = optimal_durations(searched, request)

@@ -1,4 +1,7 @@
-"""`crossing plan`: a motion through the singular points, with torques and proof."""
+"""`crossing plan`: a motion through the singular points, with torques and proof.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

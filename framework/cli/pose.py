@@ -1,4 +1,7 @@
-"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion."""
+"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots."""
+"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`crossing robustness`: control a crossing on many robots that differ from their model."""
+"""`crossing robustness`: control a crossing on many robots that differ from their model.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan."""
+"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

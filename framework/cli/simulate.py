@@ -1,4 +1,7 @@
-"""`crossing simulate`: check a plan by forward dynamics under the planned torques."""
+"""`crossing simulate`: check a plan by forward dynamics under the planned torques.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 

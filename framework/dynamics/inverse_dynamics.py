@@ -489,7 +489,8 @@ def _largest_tail(
         solution: the pass or solution with the deflections and the law.
         torques: motor torques (n_a) [N m] as a function of time.
     """
-    # torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy
+    # Torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy.
+    # Both factors are a few units of double precision.
     kinetic_energy = robot.mass * (robot.length / solution.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]

@@ -8,6 +8,9 @@ A step is accepted if the correction is small, if the gain of the share agrees w
 and if the tangent stiffness stays positive definite. So the equilibrium reached is connected with the
 unloaded configuration without a jump. Where the share turns back (a fold: snap-through) the turning point is
 solved for directly. A bifurcation (buckling) is bracketed by halving the steps.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `assign`
+overwrites rows.
 """
 
 from __future__ import annotations
@@ -169,6 +172,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
     """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue.
+
+    If a step has several reasons, the last of those below counts.
 
     Args:
         ends: the ends of the steps, accepted or not.

@@ -8,6 +8,8 @@ halved until none of them can hold a solution, or one is too small to be halved.
 
 Attributes of a robot: mask of lengths `sliding` (nv,); loop equations `rows` (all); `neutral` (nq,), all
 joints at zero.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays.
 """
 
 from __future__ import annotations

@@ -20,6 +20,9 @@ R R_m'. Its size is the sine of the angle, which is no more than the change of t
 
 Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
 units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks, `assign` overwrites rows.
 """
 
 from __future__ import annotations

@@ -17,6 +17,9 @@ of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear
 Attributes of a robot: indices in the velocity vector `following` (passive but not idle ones), `moving` (motor
 joints, then passive but not idle ones); units `platform_scale` (n,) of the platform, 1 rad or the robot's
 length; masks of lengths `sliding` (nv,) and `translations` (n,); loop equations `loops` (independent).
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Draw robots in matplotlib: one, `draw_robot(robot, q, ax)`, several side by side, and a frame of a film.
 
-A frame shows robot, path, singular locus, t_s, W_p and the motors' forces.
+A frame shows robot, path, singular locus, t_s, W_p and the motors' forces. `onto` projects points (..., 3)
+onto the paper, (..., 2), and k is the number of a frame. A node is the joint that carries a shape; its pose
+(7,) is the position and the quaternion.
 """
 
 from __future__ import annotations
@@ -117,7 +119,7 @@ def _axis_name(direction: Array) -> str:
 
 
 def _project_shape(shape: Shape, joint: Array, onto: Projection) -> list[Face]:
-    """Project the faces of a shape, carried by its joint at the pose (7,): position, quaternion."""
+    """Project the faces of a shape, carried by its joint at the pose (7,)."""
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
         vertices = carried_points(joint, shape.to_node(shape.vertices))
@@ -191,7 +193,7 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
         InvalidInput: `kind` is not one of GALLERY_KINDS.
     """
     check_choice("kind of picture", kind, GALLERY_KINDS)
-    rows = -(-len(robots) // COLUMNS)
+    rows = -(-len(robots) // COLUMNS)  # rounded up
     with use_style():
         drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")
         cells = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
@@ -229,7 +231,6 @@ def plot_still(
     sight = film_sight(film)
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
-    # `onto` projects points (..., 3) onto the paper, (..., 2)
     curves = [onto(line) for line in film_locus(film)]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4, zorder=2)
     path = onto(film.platform)  # (F, 2)
@@ -252,7 +253,7 @@ def plot_still(
 
 
 def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw t_s and W_p at frame k as arrows on the paper; `onto` projects points onto the paper.
+    """Draw t_s and W_p at frame k as arrows on the paper.
 
     The arrows are the linear parts or, of a platform that only turns, the angular parts. t_s has one length
     in all frames, and W_p has this length where it is largest.

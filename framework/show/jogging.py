@@ -200,7 +200,7 @@ def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:
             "motor": pose.motors,
             **select_fields(pose, "g", "smallest", "level", "kind", "verdict", "stopped"),
             "words": _describe_pose(pose),
-            "t_s": [twist[:3], twist[3:]],
+            "t_s": [twist[:3], twist[3:]],  # linear and angular part
             "wobble": _wobble_document(robot, pose),
         }
     )

@@ -1,4 +1,7 @@
-"""Films as files for slides and READMEs: a picture (PNG, SVG, PDF), or an animated GIF or PNG."""
+"""Films as files for slides and READMEs: a picture (PNG, SVG, PDF), or an animated GIF or PNG.
+
+A film has F frames.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ One of them is the eye of the needle, `plot_eyes`: the force along t_s that the 
 that a motion needs. At the singular instant the band of forces that the motors can give closes to a point,
 whatever their limits. A motion passes only through this point, t_s . W = 0: condition (8) of Briot and
 Arakelian, 2010.
+
+A film has F frames. `ax` and `axes` are those to draw on; None makes new ones.
 """
 
 from __future__ import annotations

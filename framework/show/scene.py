@@ -2,6 +2,9 @@
 
 Arrays are base64 of little-endian float32, row after row; on a robot of a metre they are exact to a tenth of
 a micrometre. The page (framework/show/page) draws this document and computes nothing about robots.
+
+A film has F frames of a robot with n_a motors. The pose (7,) of a joint is its position and quaternion; a
+node is the joint that carries a shape, 0 the base.
 """
 
 from __future__ import annotations
@@ -263,7 +266,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
     """
     assert isinstance(robot.platform, FramePlatform)
     vectors = np.zeros((*wrenches.shape[:-1], 3))
-    vectors[..., robot.platform.axes % 3] = wrenches
+    vectors[..., robot.platform.axes % 3] = wrenches  # of the axes 0..5 the last three are turns
     return vectors
 
 

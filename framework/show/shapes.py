@@ -1,6 +1,9 @@
 """The solids of a robot in a picture: the visuals of its URDF, sticks for bodies without one, and motors.
 
 A motor is a drum on a turning joint or around a leg that stretches, and a block on a rail.
+
+A node is the joint that carries a shape, 0 the base. A joint's axis has the joint, a `place` (3,) on the line
+and the direction `axis` (3,).
 """
 
 from __future__ import annotations
@@ -146,13 +149,16 @@ def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
 def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     """Return the drum of a motor that turns a joint.
 
-    The drum is around the farthest cylinder on the joint's axis, or else at the joint.
+    The drum is around the farthest of the cylinders among `shapes` on the joint's axis, or else at the joint.
+    `size` [m] is that of the robot in the picture.
     """
-    farthest, radius = 0.0, MOTOR_RADIUS * size
+    farthest = 0.0  # [m] along the axis, from the joint
+    radius = MOTOR_RADIUS * size
     for shape in shapes:
         offset = shape.placement[:3, 3] - axis.place
         along = float(offset @ axis.axis)
         aside = np.linalg.norm(offset - along * axis.axis)
         if shape.kind == "cylinder" and aside < 0.05 * size and abs(along) > abs(farthest):
-            farthest, radius = along, 1.15 * shape.size[0]
+            farthest = along
+            radius = 1.15 * shape.size[0]  # a little more than that of the cylinder
     return _motor_shape(axis, "cylinder", (radius, 1.3 * radius), axis.place + farthest * axis.axis)

@@ -3,6 +3,9 @@
 A planar robot is seen along its normal, from one side or the other. Other robots are seen from all around,
 from eye level to halfway up. The visible area of a body is the number of cells of the picture in which this
 body is nearest to the eye.
+
+A node is the joint that carries a shape, 0 the base. A projection takes points (..., 3) onto the paper, (...,
+2).
 """
 
 from __future__ import annotations
@@ -162,7 +165,10 @@ def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tup
 
 
 def _count_visible_cells(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
-    """Count the cells (nodes,) in which each node's body is nearest to the eye."""
+    """Count the cells (nodes,) in which each node's body is nearest to the eye.
+
+    `points` (m, 3) on the bodies are in units of a cell, with the node (m,) of each.
+    """
     cells = np.floor(onto(points)).astype(np.int64)  # (m, 2)
     order = np.lexsort((points @ onto.ahead, cells[:, 1], cells[:, 0]))  # by cell, then nearest first
     _, first = np.unique(cells[order], axis=0, return_index=True)
