@@ -141,6 +141,7 @@ def complain(message: str) -> None:
 
 
 def _print_text(text: str, stream: TextIO) -> None:
+    """Print a text; escape letters that the stream's encoding lacks."""
     encoding = stream.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
 

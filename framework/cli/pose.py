@@ -299,4 +299,5 @@ def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _format_values(values: dict[str, float], digits: int = 9) -> str:
+    """State values by name; rounding to 12 decimals and adding 0.0 avoids -0."""
     return ", ".join(f"{name} {round(value, 12) + 0.0:.{digits}g}" for name, value in values.items())

@@ -230,6 +230,7 @@ def _describe_study(study: Study) -> Document:
 
 
 def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
+    """Compute median, 95 % quantile and maximum of values (runs,), by name."""
     return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 

@@ -227,8 +227,8 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> 
     window = workspace.window
     rows, columns = window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    size = f"{robot.name}: {rows} x {columns} poses"
-    lines = [f"{size}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    title = f"{robot.name}: {rows} x {columns} poses"
+    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]

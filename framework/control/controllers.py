@@ -400,7 +400,8 @@ class ComputedTorque:
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY  # critically damped: k_d = 2 w, k_p = w^2
-        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
+        # the commanded acceleration (R, n) of the platform: planned, plus feedback of errors
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
 
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)

@@ -434,7 +434,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     # (n_a, 3) rotor inertia, damping and friction of each motor
     motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
-    joints = dict(description.joints)  # those with properties in the file
+    joints = dict(description.joints)  # only those with properties in the file; the others have defaults
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
         actuators.append(replace(actuator, rotor_inertia=rotor))
         properties = joints.get(actuator.joint, JointDynamics())

@@ -337,7 +337,12 @@ class GaussNewton:
     """
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
-        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise."""
+        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise.
+
+        Args:
+            measured: the measurements at the T instants.
+            prior: (p,) standard deviations of the file's parameters [m, rad].
+        """
         self.model = model
         self.measured = measured
         self.q = q

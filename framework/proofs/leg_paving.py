@@ -165,8 +165,10 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
 
     # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
     # box, so that the search ends with the first one.
-    end = branch_and_bound(test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
-    return not (end.undecided.size or end.pending.size)
+    partition = branch_and_bound(
+        test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size)
+    )
+    return not (partition.undecided.size or partition.pending.size)
 
 
 # ------------------------------------------------------------------ the equations
@@ -252,8 +254,8 @@ def _is_bounded(equations: DerivativeBounds, slide: int) -> bool:
     Args:
         slide: index of the slide among the unknowns.
     """
-    joints = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # three poses
-    slopes = equations.evaluate(equations.configurations(joints)).slopes[:, :, slide]  # (3, m)
+    offsets = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # of three poses
+    slopes = equations.evaluate(equations.configurations(offsets)).slopes[:, :, slide]  # (3, m)
     for ends in equations.chains:
         rows = [term.row for term in equations.terms if term.ends == ends and term.kind == "point"]
         squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end, for a unit rate of the slide

@@ -129,7 +129,7 @@ def _project_shape(shape: Shape, joint: Array, onto: Projection) -> list[Face]:
 
 
 def _project_triangles(node: int, corners: Array, color: Array, onto: Projection) -> list[Face]:
-    """Project and shade the triangles of a mesh by their corners (F, 3, 3)."""
+    """Project and shade the triangles of a mesh by their corners (F, 3, 3); `color` (4,) has the opacity."""
     first, second, third = corners.transpose(1, 0, 2)  # each (F, 3)
     normals = np.cross(second - first, third - first)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -160,7 +160,8 @@ def _project_outline(shape: Shape, joint: Array, onto: Projection) -> Array:
 def convex_hull(points: Array) -> Array:
     """Compute the convex hull of points (m, 2), counter-clockwise.
 
-    Andrew's monotone chain, which also takes points on one line.
+    The method is Andrew's monotone chain, which also takes points on one line. Points are sorted from left to
+    right; the chain to the right is the lower side of the hull, the chain back is the upper side.
     """
     ordered = sorted(points.tolist())
     return np.array(_chain_left_turns(ordered) + _chain_left_turns(ordered[::-1]))
@@ -178,7 +179,9 @@ def _chain_left_turns(points: list[list[float]]) -> list[list[float]]:
 
 def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
     """Return whether the path from a over b to c turns left at b."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0
+    first_x, first_y = b[0] - a[0], b[1] - a[1]
+    second_x, second_y = c[0] - a[0], c[1] - a[1]
+    return first_x * second_y - first_y * second_x > 0  # the cross product of both vectors from a
 
 
 COLUMNS = 5

@@ -86,7 +86,10 @@ def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sigh
 
 
 def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
-    """Fit Chebyshev series (N, k) in s to the functions that the page evaluates."""
+    """Fit Chebyshev series (N, k) in s to the functions that the page evaluates, by key.
+
+    N is the first of NODE_COUNTS with which all series are resolved.
+    """
     for count in NODE_COUNTS:
         samples = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
         series = {key: coefficients(values.reshape(count, -1)) for key, values in samples.items()}
@@ -96,7 +99,11 @@ def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 
 
 def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
-    """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
+    """Compute the functions that the page evaluates, at s (M,), by key, each (M, ...).
+
+    Poses are places and turns of the joints on the paper, onto which `onto` projects. Their rates by the
+    platform's coordinates come from poses STEP_ASIDE to both sides of the path (`q_aside`).
+    """
     robot = crossing.robots["off"]  # gravity off, which changes no pose
     samples = crossing.sample(s)
     rates = []  # of the poses along each axis of the platform, (M, k), by central differences
@@ -124,7 +131,7 @@ def _best_law_document(plan: CrossingPlan) -> Document:
 
 
 def _poses_on_paper(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
-    """Return place (2), cosine and sine of each moving joint, (M, 4 per joint)."""
+    """Return place (2), cosine and sine of each moving joint on the paper at q (M, nq), (M, 4 per joint)."""
     columns = []
     for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:  # (M, 7) position, quaternion; not of the base
         columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]

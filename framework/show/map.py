@@ -133,7 +133,10 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
-    """Draw the curves of the locus, and crosses where g changes sign without a curve."""
+    """Draw the curves of the locus, and crosses where g changes sign without a curve.
+
+    The `halo` is a white edge that sets curves off the colours of the map.
+    """
     locus = workspace.locus
     style = Style(color=LOCUS, linewidth=1.4, path_effects=halo)
     draw_curves(ax, [curve.x for curve in locus.curves], "singular locus (Type 2)", **style)

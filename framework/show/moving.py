@@ -181,7 +181,7 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
 
 
 def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
-    """Return the mark that draws the robot at an instant."""
+    """Return the mark that draws the robot at an instant, with the forces of motors within `limit` (n_a,)."""
     end = _end_time(film)
 
     def draw(t: float) -> None:
@@ -218,7 +218,7 @@ def _film_to_draw(films: Sequence[Film]) -> Film:
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Return the mark of a dot on a film's curve in the eye."""
+    """Return the mark of a dot on a film's curve in the eye: its force along `twist` (n,) over s."""
     s = film.law(film.time)  # (F,)
     demand = film.motors.force_along(twist)  # (F,)
     color, _dash, mark, _verdict = THREADS if film.proved else MISSES

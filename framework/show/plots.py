@@ -222,7 +222,10 @@ def plot_phase_plane(
 
 
 def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
-    """Draw the ranges of s' and s" within the motors' limits."""
+    """Draw the ranges of s' and s" within the motors' limits.
+
+    `tops` are the ends of the two axes, which also cut off infinite limits; `unit` is that of the torques.
+    """
     upper, lower = axes
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
@@ -292,7 +295,7 @@ def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> 
 def _draw_motors(
     ax: Axes, robot: ParallelRobot, time: Array, values: Array, quantity: str, units: Sequence[str]
 ) -> None:
-    """Draw values (T, n_a) of the motors over time, labelled."""
+    """Draw values (T, n_a) of the motors over time, labelled, with the units of the motors."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
@@ -360,7 +363,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
 
 
 def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
-    """Draw the force along t_s that a film needs; return its peak within `s_range`."""
+    """Draw the force along t_s = `twist` (n,) that a film needs over s; return its peak within `s_range`."""
     s = film.law(film.time)  # (F,)
     demand = film.motors.force_along(twist)  # (F,)
     s_singular = film.instants[0].s

@@ -182,7 +182,10 @@ def _shape_document(shape: Shape) -> Document:
 
 
 def _spring_document(film: Film, size: float) -> Document | None:
-    """Return the coils of the springs, and the factors that magnify their deflections."""
+    """Return the coils of the springs, and the factors that magnify their deflections.
+
+    `size` [m] is that of the picture.
+    """
     robot = film.robot
     if not robot.n_e:
         return None
@@ -205,7 +208,10 @@ def _spring_document(film: Film, size: float) -> Document | None:
 
 
 def _magnification(deflection: Array, largest_drawn: float) -> float:
-    """Return the factor, 1, 2 or 5 times a power of ten, that draws deflections (F, k)."""
+    """Return the factor, 1, 2 or 5 times a power of ten, that draws deflections (F, k).
+
+    The largest deflection is drawn as `largest_drawn` or a little less.
+    """
     largest = np.abs(deflection).max(initial=0.0)
     if largest == 0.0:
         return 1.0
@@ -369,7 +375,7 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
 
 
 def _view_document(points: Array, sight: Sight) -> Document:
-    """Return the view: centre and radius of the picture, direction to the eye."""
+    """Return the view: centre and radius of a picture of points (m, 3), direction to the eye."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     return {

@@ -32,7 +32,10 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 
 
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Thin a mesh: merge the vertices in each cell of a grid into their mean."""
+    """Thin a mesh: merge the vertices (m, 3) in each cell of a grid into their mean; return vertices, faces.
+
+    Faces (F, 3) are indices of the vertices. Those that have lost a corner are left out.
+    """
     low = vertices.min(axis=0)
     edge = max(np.linalg.norm(np.ptp(vertices, axis=0)) / 40, 1e-12)  # 40 cells along the diagonal
     cells = np.floor((vertices - low) / edge).astype(np.int64)
@@ -68,7 +71,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
 
 
 def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
-    """Return cylinders between joints and spheres at joints for nodes without visuals."""
+    """Return cylinders between joints and spheres at joints for nodes that are not in `with_visuals`."""
     model = robot.model
     radius = 0.012 * robot.length
     shapes = []
@@ -139,7 +142,10 @@ def _block_motor(axis: JointAxis, size: float) -> Shape:
 
 
 def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum around a leg that stretches, wider than the leg's tube."""
+    """Return the drum around a leg that stretches, wider than the leg's tube.
+
+    `shapes` are those of the leg, and `size` [m] is that of the robot in the picture.
+    """
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius

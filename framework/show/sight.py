@@ -143,7 +143,10 @@ def _best_direction(
 
 
 def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
-    """Return the candidate directions (k, 3), and the usual one (3,)."""
+    """Return the candidate directions (k, 3) to the eye, and the usual one (3,).
+
+    With a `normal` (3,) to the plane of a planar robot, they are both sides of the plane.
+    """
     if normal is not None:
         usual = normal * (np.sign(normal @ USUAL_NORMAL) or 1.0)
         return np.stack([usual, -usual]), usual
@@ -154,7 +157,7 @@ def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
 
 
 def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) on all solids, in cells, and the node (m,) of each."""
+    """Return points (m, 3) on all solids at q (nq,), in units of a cell, and the node (m,) of each."""
     poses = joint_poses(robot, q[None])[0]
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
     # 40 cells along the largest extent

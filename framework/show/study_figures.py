@@ -78,7 +78,10 @@ def _mark_refused(ax: Axes, parameters: Array) -> None:
 
 
 def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """Draw the values of one quantity over one parameter (designs,)."""
+    """Draw the values of the quantity `key` over one parameter, at its values `places` (designs,).
+
+    Marks are areas or, with lines from the least to the largest value, medians. `norm` scales the colours.
+    """
     middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
         least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]

@@ -110,7 +110,7 @@ class Integration(NamedTuple):
 
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by Radau IIA steps of variable length; see `collocate`."""
+    """Integrate a task by Radau IIA steps of variable length; see `collocate`."""
     robot = task.equations.robot
     # events are evaluated at twice as many instants as a step has nodes
     record = RunRecord(task, event_samples=2 * settings.stages)
@@ -137,7 +137,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
 
 
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by steps of one length under the torque in their middle; see `Stepper`."""
+    """Integrate a task by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
     count = _count_steps(task.duration, settings.step)
     if count < 2:  # the error is estimated from second differences
@@ -199,7 +199,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
 
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by explicit steps of order 8, all of about the same length; see `explicit_steps`."""
+    """Integrate a task by explicit steps of order 8, of about one length; see `explicit_steps`."""
     edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(dynamics, task.drive, task.start, edges)
