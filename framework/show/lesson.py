@@ -131,7 +131,7 @@ def _best_law_document(plan: CrossingPlan) -> Document:
 
 
 def _poses_on_paper(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
-    """Return place (2), cosine and sine of each moving joint on the paper at q (M, nq), (M, 4 per joint)."""
+    """Return x, y, cosine and sine of moving joints on the paper at q (M, nq), (M, 4 * joints)."""
     columns = []
     for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:  # (M, 7) position, quaternion; not of the base
         columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]

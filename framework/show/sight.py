@@ -157,7 +157,7 @@ def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
 
 
 def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) on all solids at q (nq,), in units of a cell, and the node (m,) of each."""
+    """Return points (m, 3) on all solids at q (nq,), in units of a cell, and their nodes (m,)."""
     poses = joint_poses(robot, q[None])[0]
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
     # 40 cells along the largest extent
