@@ -83,6 +83,8 @@ class DesignStudy(ReadOnlyArrays):
 def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
     """Return the grid of all declared parameter values, or the rows of a table.
 
+    Either has at most MAX_DESIGNS designs.
+
     Args:
         file: robot file that declares the parameters.
         table: CSV file with parameter names in the first line and the values of a design in each other line.
@@ -118,11 +120,12 @@ def design_study(
 
     Args:
         task: robot file, window and quantities of the maps.
+        designs: names and values of the parameters of D designs.
         executor: computes chunks of designs; None computes them in this process.
         keeper: a folder of finished chunks, which are not computed again; None stores nothing.
         progress: called with the number of finished designs.
     """
-    chunks = {}
+    chunks = {}  # the designs of each chunk, by the name under which the chunk is stored
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]
         chunks[f"{first:07d}-{first + len(values):07d}"] = values
@@ -139,13 +142,16 @@ def design_study(
 
 
 def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
-    """Return the types and shapes of the columns of a chunk of designs (D, P)."""
+    """Return the types and shapes of the columns (D,) of a chunk of D designs, `values` (D, P).
+
+    A stored chunk is computed again if its arrays have other types or shapes.
+    """
     numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
     return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
-    """Map designs (D, P); return columns (D,) of statistics, and of the reason `why` not."""
+    """Map designs (D, P); return columns (D,) of statistics, and of the reasons for designs without a map."""
     compute = partial(_map_design, task)
     return compute_rows(compute, column_names(task), (FrameworkError,), values.tolist())
 
@@ -157,10 +163,13 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
-    """Return the units of the columns of a study, by name."""
+    """Return the units of the columns of a study, by name.
+
+    Those of a map's quantity are `{key}_least`, `{key}_median` and `{key}_largest`.
+    """
     unit_1, unit_2 = ("m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes))
     area_unit = f"{unit_1}^2" if unit_1 == unit_2 else "m rad"
-    # area, free_area and carried_area
+    # area, free_area and carried_area; no quantity's column ends with "area"
     units = {key: area_unit for key in column_names(task) if key.endswith("area")}
     for quantity in choose_quantities(robot, task.keys):
         unit = quantity_unit(robot, quantity)

@@ -113,7 +113,8 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         **workspace.values,
     }
     table = list(_table_columns(workspace).items())
-    document, setup = map_document(workspace), map_setup(workspace)
+    document = map_document(workspace)
+    setup = map_setup(workspace)
     return write_document_and_arrays(folder / DOCUMENT, document, setup, arrays, table)
 
 

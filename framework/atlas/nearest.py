@@ -15,6 +15,11 @@ bounds differ if a Type 1 pose limits the ball, or if the proof reaches its larg
 The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
 search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled
 once per robot, on random walks from the reference, and searches start from the samples nearest to the target.
+
+Attributes of a robot: units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks.
 """
 
 from __future__ import annotations
@@ -116,7 +121,7 @@ def nearest_singular_pose(
 
     # search the nearest pose along rays; all distances are in robot lengths and rad from here on
     directions = _spread_directions(robot.n)
-    crossed, ended = _follow_rays(centre, directions * reach)
+    crossed, ended = _follow_rays(centre, directions * reach)  # segments: g changes its sign, the branch ends
     nearest = _nearest_singular(centre, crossed, reach)
 
     # prove that no singular pose is nearer
@@ -131,7 +136,7 @@ def nearest_singular_pose(
     )
     if nearest is None:
         return result
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], x=None)).twist
     x = centre.coordinates(nearest.z)
     return replace(result, distance=radius * unit_length, x=x, q=nearest.q, twist=twist)
 
@@ -163,7 +168,7 @@ class _Centre(NamedTuple):
 
     def type2_matrices(self, q: Array) -> Array:
         """Compute the matrices (T, s, s) at q (T, nq) that lose rank at Type 2."""
-        return type2_matrix(self.robot, linearised_at(self.robot, q, None))
+        return type2_matrix(self.robot, linearised_at(self.robot, q, x=None))
 
 
 class _RaySegments(NamedTuple):
@@ -243,8 +248,9 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
 def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
-    Candidates are foot points, and the nearest sign change at which g is zero to rounding. The foot points
-    are sought from the sign changes on the segments `crossed`, the nearest first.
+    Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
+    its sign by a jump to another branch. The foot points are sought from the nearest MAX_STARTS sign changes
+    on the segments `crossed`. `reach` is in robot lengths and rad.
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
@@ -260,7 +266,7 @@ def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
     The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
     """
     ends = _locate_ends(centre, ended)
-    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, None))
+    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, x=None))
     is_type_1 = _least_singular_values(matrices) < TYPE_1_END
     return float(ends.distance[is_type_1].min(initial=np.inf))
 
@@ -285,9 +291,9 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
     """Advance the starts of K segments towards the sign change or end, by bisection.
 
-    A step is repeated while it is accepted, and halved when it is refused, `halvings` times. A simple
-    bisection does not work: near the end of a branch a long step may not be trusted although a shorter one
-    is.
+    A step is repeated while it is accepted, and halved when it is refused, until its length is 0.5^(halvings
+    + 1) of the segment. A simple bisection does not work: near the end of a branch a long step may not be
+    trusted although a shorter one is. A step is refused if it leaves the branch or changes the sign of g.
     """
     q = segments.q.copy()  # (K, nq) at the points reached
     length = segments.end - segments.start  # (K, n) as vectors
@@ -312,9 +318,10 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
 def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
-    Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
-    towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
-    the slopes are zero, or at the end of a branch.
+    Each step leads from the pose's offset z to the point of the linearised locus that is nearest to the
+    centre, or RAY_STEP towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It
+    cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
+    to RANK_LOST.
     """
     for _ in range(MAX_FOOT_STEPS):
         # the step to the point of the linearised locus
@@ -346,10 +353,11 @@ def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
         NotAssembled: the platform does not determine the joints, at the end of a branch.
     """
     robot = centre.robot
-    linearised = linearised_at(robot, pose.q[None], None)
+    linearised = linearised_at(robot, pose.q[None], x=None)
     measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
     unit_twists = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))[0].T  # (n, n), one a row
     rates = joint_rates(robot, linearised, unit_twists[:, None])[:, 0]  # (n, nv)
+    # g (1,) and its slopes by the joints (1, nv), of the one pose
     return measure.g[0], (rates @ measure.by_q[0]) * robot.platform_scale
 
 
@@ -408,7 +416,8 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     samples_q = [q]
     samples_x = [x]
     direction = np.zeros_like(x)
-    accepted = np.zeros(WALKS, dtype=bool)  # whether the last step of each walk was; false to draw the first
+    # whether the last step of each walk was accepted; false, so that each walk gets a first direction
+    accepted = np.zeros(WALKS, dtype=bool)
     for _ in range(WALK_STEPS):
         # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)
@@ -418,7 +427,7 @@ def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
         length = MAX_WALK_STEP * random.random((WALKS, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)
-        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,)
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,) a joint's range
         accepted = (step.reason == PoseReason.REACHED) & ~beyond
         q = np.where(accepted[:, None], step.q, q)
         x = np.where(accepted[:, None], target, x)

@@ -4,6 +4,9 @@ In the space of the motors, between the two arms of the locus that meet at a cus
 the same motors. Two of them lie on the same side of the locus and are connected around the cusp (McAree and
 Daniel 1999; Zein, Wenger and Chablat 2008). The motors start between the arms and run once around a circle in
 the plane of the two free motors. Forward kinematics follows the pose and stops at any Type 2 singularity.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -116,6 +119,6 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
         q = np.array([pose.q for pose in poses])  # (T, nq)
         x = np.array([pose.x for pose in poses])  # (T, n)
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
-            g = singularity_measure(robot, linearised_at(robot, q, None)).g
+            g = singularity_measure(robot, linearised_at(robot, q, x=None)).g
             return AssemblyModeChange(cusp, motors, q, x, g)
     return None

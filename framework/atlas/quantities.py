@@ -1,4 +1,8 @@
-"""The quantities of a map: their names, their units, and the functions that compute them at many poses."""
+"""The quantities of a map: their names, their units, and the functions that compute them at many poses.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); masks of lengths `sliding`
+(nv,) and `translations` (n,).
+"""
 
 from __future__ import annotations
 
@@ -87,7 +91,7 @@ def holding_torque_ratio(poses: Poses) -> Array:
         # the wrench acts on the joints by the platform's Jacobian (T, n, nv)
         forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
     torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
-    return (np.abs(torques) / motor_limits(robot, "torque_limit", None)).max(axis=1)
+    return (np.abs(torques) / motor_limits(robot, "torque_limit", stated=None)).max(axis=1)
 
 
 QUANTITIES = {
@@ -219,7 +223,7 @@ def has_loaded(quantities: Sequence[Quantity]) -> bool:
 
 def has_torque_limits(robot: ParallelRobot) -> bool:
     """Return whether any motor has a torque limit."""
-    return bool(np.isfinite(motor_limits(robot, "torque_limit", None)).any())
+    return bool(np.isfinite(motor_limits(robot, "torque_limit", stated=None)).any())
 
 
 def quantity_unit(robot: ParallelRobot, quantity: Quantity) -> str:

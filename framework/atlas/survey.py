@@ -2,6 +2,9 @@
 
 A window is a grid over two of the platform's coordinates; the others are constant. Coarse poses are reached
 from the reference.
+
+Attributes of a robot: units `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of
+lengths `translations` (n,).
 """
 
 from __future__ import annotations
@@ -140,8 +143,9 @@ def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, kee
         outermost: the window to which the result is cut.
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
     """
-    q, reason = seed_poses(robot, survey, stride=1)  # (I, J, nq), (I, J)
+    q, reason = seed_poses(robot, survey, stride=1)  # all poses of the survey: (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
+    # a joint's share beyond its range is above 0 outside of the range
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     counted = within if keep_limits and within.any() else reached
     indices = np.argwhere(counted)  # (poses, 2) rows and columns
@@ -156,7 +160,8 @@ def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, kee
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
-    All other poses are NaN, with the reason NO_NEIGHBOUR. The poses nearest to the reference are assembled in
+    The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
+    NO_NEIGHBOUR. The poses nearest to the reference are assembled in
     turn until one succeeds; the others are reached from their neighbours. With a stride of 1, cells longer
     than MAX_NEIGHBOUR_DISTANCE are subdivided: poses between those of the window are computed too, but not
     returned.

@@ -103,7 +103,7 @@ def _fill_lattice(
             chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
-            sources[chosen] = np.argwhere(chosen) - (down, right)
+            sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
         if not is_target.any():
             return
 
@@ -155,9 +155,10 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     """
     # predict
     linearised = linearised_at(robot, q, start)
-    # the platform's step as a twist (T, n), which is another one at either end if the platform turns
-    start_twist = robot.platform.twist(start, end - start)[0]
-    end_twist = robot.platform.twist(end, end - start)[0]
+    # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one
+    # twist at the start and another one at the end. `twist` also returns a derivative, which is not used.
+    start_twist, _ = robot.platform.twist(start, end - start)
+    end_twist, _ = robot.platform.twist(end, end - start)
     # (T, nv) step along the tangent, springs at rest
     prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, prediction)
@@ -201,7 +202,8 @@ def _accept_steps(
     """
     end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
     measure = measure_steps(robot, correction, prediction, end_step)
-    accepted = measure.small.copy()  # whether the correction is small
+    # `small`: the correction is small; `straight`: the tangent turns little
+    accepted = measure.small.copy()
 
     # the mode is the same if det dF/dq keeps its sign; if not, which is rare, modes are compared one by one
     has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)

@@ -204,6 +204,7 @@ def workspace_map(
     x = window.points()  # (I, J, n)
     _join_bands(robot, x, choice, grids)
     _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
+    working_signs, _assembly_signs = mode_signs(robot, linearised_at_reference(robot))  # (1,) each
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -211,7 +212,7 @@ def workspace_map(
         values={quantity.key: grids[quantity.key] for quantity in choice},
         q=grids["q"],
         reason=grids["reason"],
-        working_mode=int(mode_signs(robot, linearised_at_reference(robot))[0][0]),
+        working_mode=int(working_signs[0]),
         assembly=grids["assembly"],
         load=grids.get("load"),
         seconds=time.perf_counter() - started,
@@ -287,13 +288,13 @@ def _evaluate_poses(
 ) -> dict[str, NDArray]:
     """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name.
 
-    Only poses with the `reason` (I, J) REACHED have values.
+    Only poses with the `reason` (I, J) REACHED have values: the others are NaN, or 0 in arrays of integers.
     """
     reached = reason == PoseReason.REACHED
     arrays: dict[str, NDArray] = {"q": q, "reason": reason}
     arrays |= {key: np.full(reason.shape, value) for key, value in _empty_values(quantities).items()}
     if reached.any():
-        linearised = linearised_at(robot, q[reached], None)
+        linearised = linearised_at(robot, q[reached], x=None)
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
         _, arrays["assembly"][reached] = mode_signs(robot, linearised)
@@ -322,13 +323,13 @@ def _join_bands(
     border[first] = ~was_filled[first] & was_filled[first - 1]
 
     # NO_NEIGHBOUR marks the poses that are tried
-    for wanted in (border, ~was_filled):
+    for wanted in (border, ~was_filled):  # poses at the border first, then all poses
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, [1])
         if not (reason[border] == PoseReason.REACHED).any():
             return
 
-    # evaluate the new poses (1, new), as a map of one row
+    # evaluate the new poses as a map of one row: arrays (1, new, ..)
     is_new = (reason == PoseReason.REACHED) & ~was_filled
     chunk = _evaluate_poses(robot, quantities, grids["q"][is_new][None], reason[is_new][None])
     for key, values in chunk.items():
@@ -351,7 +352,8 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
-    row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
+    # row and column (I, J) of the reached pose that is nearest to each pose
+    row, column = distance_transform_edt(
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
@@ -363,7 +365,7 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
-    # continue what was found; OPEN marks poses that are not tried
+    # continue the configurations that were found; OPEN marks poses that are not tried
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
     fill_grid(robot, x, other_q, other_reason, [1])
@@ -400,9 +402,10 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
         )
 
     # sort the reached poses: beyond a range, too weak, or within all limits
-    shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges
+    shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges; > 0 if beyond
     in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
     beyond = workspace.reached & ~in_range
+    # without torque limits no pose is too weak, and the map may lack `holding`
     too_weak = in_range & (workspace.values.get("holding", np.zeros(1)) > 1.0)
     within = in_range & ~too_weak
     joined = _join_to_reference(workspace, within)
@@ -432,8 +435,11 @@ def check_reference(robot: ParallelRobot) -> None:
 
 
 def check_window(robot: ParallelRobot, window: Window) -> None:
-    """Raise InvalidInput if a window has no pose within one step of the reference."""
-    # farther than one step, the longest cell edge; `not <=` also refuses an infinite window, with NaN
+    """Raise InvalidInput if a window has no pose within one step of the reference.
+
+    One step is the longest edge of a cell.
+    """
+    # distances in steps; the form `not ... <= 1.0` also refuses an infinite window, whose distances are NaN
     if not _reference_distances(robot, window).min() <= 1.0:
         raise InvalidInput(
             f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
@@ -442,11 +448,12 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 
 
 def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
-    """Compute distances (I, J) of poses from the reference, divided by the longest cell edge.
+    """Compute distances (I, J) of poses from the reference in steps: longest edges of a cell.
 
     The distance is the largest offset of a coordinate [robot lengths, rad]. The edge is lengthened by a
-    relative SAME_PLACE, so that a pose exactly one edge away counts as one step in spite of rounding.
+    relative SAME_PLACE, so that a pose exactly one edge away is no farther than 1 in spite of rounding.
     """
+    # (I, J, n), made dimensionless by the units (n,) of the coordinates
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 

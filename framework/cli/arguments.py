@@ -64,7 +64,8 @@ def take_level(options: Namespace) -> ChosenLevel | None:
         ).advising({"geometry": None})
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
-    requested, description = request(options, robot), robot.description
+    requested = request(options, robot)
+    description = robot.description
     typed = motion_options(options, robot)
     typed.pop("keep_limits", None)
     chosen = None if typed or options.scene is None else scene_level(description, options.scene)
@@ -151,7 +152,8 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
 
 def request(options: Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; typed options override the scene's."""
-    typed, along = motion_options(options, robot), path(options, robot)
+    typed = motion_options(options, robot)
+    along = path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):

@@ -181,7 +181,8 @@ class Misuse(Exception):
     ) -> None:
         """Store the message and the remedy."""
         super().__init__(message)
-        self.instead, self.mend = instead, mend
+        self.instead = instead
+        self.mend = mend
 
 
 class _Help(argparse.HelpFormatter):
@@ -199,7 +200,7 @@ class OneLineParser(argparse.ArgumentParser):
         self.examples = tuple(examples)
         epilog = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
-        self._optionals.title = "output"
+        self._optionals.title = "output"  # of options without a topic, such as --out and --json
         # argparse takes -1e-3 and -1m for options; no option of ours begins like a number
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
@@ -253,7 +254,8 @@ class OneLineParser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             from framework.errors import did_you_mean
 
-            hint, listed = did_you_mean(value, action.choices), ", ".join(action.choices)
+            hint = did_you_mean(value, action.choices)
+            listed = ", ".join(action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:

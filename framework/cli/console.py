@@ -68,7 +68,7 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
     if len(line) <= most:
         return line
     left_out = f" [... {len(line)} characters ...] "
-    beginning = line[: max(most - 200, 0)]
+    beginning = line[: max(most - 200, 0)]  # about 200 letters are left for the hint and the end
     return beginning + left_out + line[len(line) - most + len(beginning) + len(left_out) :]
 
 
@@ -126,7 +126,8 @@ def complain(message: str) -> None:
     if stream is None:  # closed by the process that started the program
         return
     line = f"{PROGRAM}{printable(message)}"
-    width, colour = width_of(stream), shows_colours(stream)
+    width = width_of(stream)
+    colour = shows_colours(stream)
     if width is not None:
         why, _, command = line.partition(f"; {TRY}")
         lines = wrap_line(why, width, 2)
@@ -140,6 +141,7 @@ def complain(message: str) -> None:
 
 
 def _print_text(text: str, stream: TextIO) -> None:
+    """Print a text; escape letters that the stream's encoding lacks."""
     encoding = stream.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
 
@@ -221,9 +223,16 @@ def _lay_out_table(
     """Lay out a table by columns; wrap cells to fit the width.
 
     Columns that do not fit follow in a second table below, which repeats the first column.
+
+    Args:
+        columns: cells of each column, its heading first.
+        width: letters of a line; None without a limit.
+        indent: blanks in front of each line.
+        colour: whether the head is bold.
     """
-    room = math.inf if width is None else width - indent
+    room = math.inf if width is None else width - indent  # letters for columns and the gaps between them
     least = [max(map(_least_width, column)) for column in columns]
+    # where each column ends if all are as narrow as possible
     ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
     fitting = max(2, sum(end <= room for end in ends))
     if fitting < len(columns):
@@ -313,13 +322,15 @@ class Progress:
 
     def _show(self) -> None:
         """Rewrite the line at each change until the block ends, then erase the line."""
-        printed, wait = "", FIRST
+        printed = ""
+        wait = FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):
                 line = printable(self.sentence)[: shutil.get_terminal_size().columns - 1]
                 if line != printed:
                     print(f"{ERASE}{line}", end="", file=sys.stderr, flush=True)
-                printed, wait = line, INTERVAL
+                printed = line
+                wait = INTERVAL
             if printed:
                 print(ERASE, end="", file=sys.stderr, flush=True)
 
@@ -329,6 +340,11 @@ class Progress:
 
 def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     """Run the parsed command, print its report and return the exit code.
+
+    Args:
+        options: the parsed options, to which the command adds warnings and a refusal.
+        heard: the interruption that has arrived, if any; `check` raises it, also if other code has caught it.
+        arguments: the words of the command line.
 
     Raises:
         FrameworkError: the command ends without a report.

@@ -1,4 +1,7 @@
-"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson."""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -114,7 +117,8 @@ def run_export(options: Namespace) -> Report:
 
 def _check_options(options: Namespace, file: FilePath) -> None:
     """Refuse a file of another format, and options that the format does not take."""
-    program, suffixes = options.program, SUFFIXES[options.program]
+    program = options.program
+    suffixes = SUFFIXES[program]
     if not file.name:
         raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
     if file.suffix not in suffixes:
@@ -156,7 +160,8 @@ def _table_file(options: Namespace, file: FilePath) -> Export:
 
 def _trajectory_file(options: Namespace, file: FilePath) -> Export:
     """Return a motion as a joint trajectory, in YAML or JSON."""
-    plan, side = _plan_of(options), options.side or SIDE
+    plan = _plan_of(options)
+    side = options.side or SIDE
     message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
     sentence = describe_side(plan, side)
     if file.suffix == ".json":

@@ -1,4 +1,7 @@
-"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load."""
+"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -76,12 +79,16 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, list[str
 
     The report ends with the line to add to a scene.
     """
-    robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
-    path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
+    robot = arguments.load(options)
+    tolerance = arguments.share("--tolerance", options.tolerance)
+    path = arguments.path(options, robot)
+    typed = arguments.motion_options(options, robot)
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
     study = fidelity_study(robot, options.scene or path, tolerance=tolerance, progress=progress, **typed)
     options.refusal = study.refusal
-    document, lines, entry = study.to_dict(), fidelity_lines(study), study.scene_entry
+    document = study.to_dict()
+    lines = fidelity_lines(study)
+    entry = study.scene_entry
     if entry is not None and options.scene is not None and not typed:
         document["fidelity"] = entry
         lines.append(TO_KEEP.format_map(entry))
@@ -123,7 +130,8 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
 
 def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
     """Return the row of the table for one level."""
-    name, indicators = comparison.level.name, study.indicators
+    name = comparison.level.name
+    indicators = study.indicators
     plan = torque = law = deflection = "-"
     if comparison.motion is not None:
         plan = f"{1e3 * comparison.seconds:.0f} ms"

@@ -1,4 +1,7 @@
-"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data."""
+"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +82,9 @@ def _noise_text(calibration: Calibration) -> str:
 
 def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
-    names, measured, unseen = calibration.geometry.names, calibration.measured, calibration.unseen
+    names = calibration.geometry.names
+    measured = calibration.measured
+    unseen = calibration.unseen
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
     lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers)]
     errors = [*zip(measured.names, calibration.error_before, calibration.error_after, strict=True)]
@@ -162,7 +167,8 @@ def run_identify(options: Namespace) -> Report:
 
 def identification_lines(identification: Identification) -> list[str]:
     """Return the report on identified parameters, in words."""
-    base, joints = identification.base, identification.robot.actuator_names
+    base = identification.base
+    joints = identification.robot.actuator_names
     words = {
         "parameters": len(base.parameters),
         "before": _format_errors(joints, identification.error_before),

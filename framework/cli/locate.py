@@ -1,4 +1,7 @@
-"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections."""
+"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +44,12 @@ def run_locate(options: Namespace) -> Report:
     robot = arguments.load(options)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
+    # a request needs a duration, on which singular points do not depend
     request = Request.of(robot, path, **{"duration": 1.0, **typed})
     searched = search_path(robot, path).under(request.external_wrenches)
     optimal = optimal_durations(searched, request)
-    singularities, near_misses = [], []
+    singularities = []
+    near_misses = []
     lines: list[str] = []
     for singular in searched.points:
         entry, sentences = _describe_point(searched, singular)
@@ -72,7 +77,8 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
 
     Both include the shift of the point by deflections, and condition (8).
     """
-    robot, shift = searched.branch.robot, _compute_shift(searched, singular)
+    robot = searched.branch.robot
+    shift = _compute_shift(searched, singular)
     condition = feasibility_at(searched.branch, singular)
     keys = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
     entry = select_fields(singular, *keys) | {"shift": shift, "condition": None}

@@ -1,4 +1,7 @@
-"""`crossing plan`: a motion through the singular points, with torques and proof."""
+"""`crossing plan`: a motion through the singular points, with torques and proof.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -155,7 +158,8 @@ def _make_plan(
 
     The level is that of --flexibility auto, the bend that of --bend.
     """
-    bend, progress = options.bend, options.progress
+    bend = options.bend
+    progress = options.progress
     progress.start("planning")
     if bend is None:
         with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
@@ -196,7 +200,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
     if bound is None:
         return []
     if best.specification.goal == "time":
-        cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
+        cost = plan.duration
+        least = f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
@@ -207,9 +212,11 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
 
 def plan_lines(plan: CrossingPlan) -> list[str]:
     """Return the report on a plan, in words."""
-    robot, is_polynomial = plan.robot, plan.law.kind == Law.kind
+    robot = plan.robot
+    is_polynomial = plan.law.kind == Law.kind
     law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
+    # a polynomial needs a reason only if it was chosen for another one than that it advances, or nearly stops
     was_chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
     tells_reason = not is_polynomial or was_chosen or NEARLY_STOPS in plan.reason
     reason = [Fact("law", plan.reason)] if tells_reason else []

@@ -1,4 +1,7 @@
-"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion."""
+"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -146,7 +149,8 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
         NotAssembled, Type1Singularity: no pose in the modes of the reference. With `advise_all` the remedy
             is --all, unless the numbers are impossible in all modes.
     """
-    motor_joints, point = options.motor_joints, options.point
+    motor_joints = options.motor_joints
+    point = options.point
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
@@ -246,9 +250,11 @@ def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
     degrees = "" if assembly.modes else _explain_failure(robot, options)
     if degrees:
         options.warnings.append(degrees.removeprefix("; "))
-    lines, modes = [f"  assembly modes    {assembly.sentence}"], []
+    lines = [f"  assembly modes    {assembly.sentence}"]
+    modes = []
     for mode in assembly.modes:
-        pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
+        pose = describe_pose(robot, mode.q)
+        kind = classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
     about = select_fields(assembly, "complete", "status", "bound", "method")
@@ -264,7 +270,8 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
         options.refusal = NoAnswer(
             f"{robot.name}: out of reach: no pose was found with this platform{reason}"
         )
-    lines, modes = [f"  working modes     {working.sentence}"], []
+    lines = [f"  working modes     {working.sentence}"]
+    modes = []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
@@ -292,4 +299,5 @@ def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _format_values(values: dict[str, float], digits: int = 9) -> str:
+    """State values by name; rounding to 12 decimals and adding 0.0 avoids -0."""
     return ", ".join(f"{name} {round(value, 12) + 0.0:.{digits}g}" for name, value in values.items())

@@ -1,4 +1,7 @@
-"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots."""
+"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,8 @@ def run_robots(options: Namespace) -> Report:
     """List the catalogue, one row for each robot."""
     rows: list[Document] = []
     robots: list[ParallelRobot] = []
-    lines, remarks = ["name\tdof\tloops\tsprings\tscenes"], []
+    lines = ["name\tdof\tloops\tsprings\tscenes"]
+    remarks = []
     for name, entry in catalogue().items():
         try:
             robot = entry.load()
@@ -73,7 +77,8 @@ def run_robots(options: Namespace) -> Report:
 
 def _count_parts(robot: ParallelRobot) -> Document:
     """Count freedoms, loops and springs of a robot, and list its scenes."""
-    description, diagnosis = robot.description, check_robot(robot)
+    description = robot.description
+    diagnosis = check_robot(robot)
     return {
         "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
         "loops": len(description.closures),
@@ -113,7 +118,8 @@ def run_check(options: Namespace) -> Report:
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
     options.refusal = _find_refusal(diagnosis, reference_in_words(mechanism))
-    facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
+    facts = asdict(diagnosis)
+    smallest = diagnosis.smallest_singular_value
     idle, redundant = len(diagnosis.idle_joints), ", ".join(diagnosis.redundant_rows)
     angles = [f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()]
     words = {key: ", ".join(facts[key]) or "none" for key in LISTS} | {
@@ -164,7 +170,8 @@ def run_convert(options: Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
     parsed = arguments.parse_file(options, propose=propose)
     description = parsed.description
-    remarks, friction = list(parsed.remarks), _dry_friction(parsed)
+    remarks = list(parsed.remarks)
+    friction = _dry_friction(parsed)
     if friction:
         remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
     written = write_robot_file(description, options.out, comments=remarks)

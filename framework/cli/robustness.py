@@ -1,4 +1,7 @@
-"""`crossing robustness`: control a crossing on many robots that differ from their model."""
+"""`crossing robustness`: control a crossing on many robots that differ from their model.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -221,12 +224,13 @@ def _describe_study(study: Study) -> Document:
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
-        "failures": [_describe_failure(study, seed[1], seed) for seed in study.failures],
+        "failures": [_describe_failure(study, number, (seed, number)) for seed, number in study.failures],
         "seconds": study.seconds,
     }
 
 
 def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
+    """Compute median, 95 % quantile and maximum of values (runs,), by name."""
     return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 
@@ -303,8 +307,10 @@ def replay_run(options: Namespace) -> Report:
     number = options.replay
     if number >= stated["runs"]:
         raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
-    run, seed = setup.run(name, number), [setup.seed, number]
+    run = setup.run(name, number)
+    seed = [setup.seed, number]  # of this run, as in the document
     written = [failure for failure in failures if failure.get("seed") == seed]
+    # all results have one entry, that of the repeated run
     repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
     document = {
         "robot": setup.plan.robot.name,
@@ -339,13 +345,20 @@ def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str
 
 
 def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
-    """Return the entry of a run among the failures in robustness.json."""
+    """Return the entry of a run among the failures in robustness.json.
+
+    Args:
+        runs: the outcomes of several runs.
+        number: index of the run among them.
+        seed: seed of the study, and number of the run in the study.
+    """
     return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
 
 
 def _describe_replay(document: Document) -> list[str]:
     """Return the report on a repeated run, and on differences from the study."""
-    then, now = document["versions"]["then"], document["versions"]["now"]
+    then = document["versions"]["then"]
+    now = document["versions"]["now"]
     changed = [library for library in now if then.get(library) != now[library]]
     versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)
     agreement = "as in the study"

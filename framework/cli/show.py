@@ -1,4 +1,7 @@
-"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan."""
+"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,7 @@ def run_show(options: Namespace) -> Report:
             page = film_picture(filmed, FilePath(file).suffix[1:])
         return _report_file(file, page, filmed, chosen=not films)
     if films:
-        return _serve_page(options, film_page(films), None)
+        return _serve_page(options, film_page(films), robot=None)
     robot = arguments.load(options)
     return _serve_page(options, hand_page(robot), robot)
 
@@ -78,7 +81,8 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     from framework.show.captions import describe_flexibility, display_name
 
     document, (written,) = arguments.write_page(FilePath(file), page)
-    entries, scenes = [], []
+    entries = []
+    scenes = []
     for film in films:
         entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
         scenes.append(f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})")

@@ -1,4 +1,7 @@
-"""`crossing simulate`: check a plan by forward dynamics under the planned torques."""
+"""`crossing simulate`: check a plan by forward dynamics under the planned torques.
+
+A report is the document of --json, and the lines of text.
+"""
 
 from __future__ import annotations
 
@@ -128,7 +131,9 @@ def simulation_lines(result: Simulation) -> list[str]:
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
     """Write platform, planned platform, motor angles and deflections over time, SI units."""
-    robot, times, q = result.robot, result.times, result.q
+    robot = result.robot
+    times = result.times
+    q = result.q
     planned = plan.platform(np.minimum(times, plan.duration))
     motor_angles = robot.gear_ratio * robot.actuated_coordinates(q)
     deflections = robot.coordinates.positions(q)[:, robot.elastic]

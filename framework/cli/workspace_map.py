@@ -1,6 +1,8 @@
 """`crossing map`: quantities over the workspace of a robot, and its singular locus.
 
 With --study: a small map for each set of the parameters of a robot file.
+
+A report is the document of --json, and the lines of text.
 """
 
 from __future__ import annotations
@@ -205,7 +207,8 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
     size = options.size or EDGE_POSES
     if options.window is None:
         return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
-    bounds, axes = finite_numbers("--window", options.window, 4), map_axes(robot, options.over)
+    bounds = finite_numbers("--window", options.window, 4)
+    axes = map_axes(robot, options.over)
     return Window(axes, bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
@@ -220,11 +223,12 @@ def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> 
 
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
-    robot, window = workspace.robot, workspace.window
+    robot = workspace.robot
+    window = workspace.window
     rows, columns = window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    size = f"{robot.name}: {rows} x {columns} poses"
-    lines = [f"{size}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    title = f"{robot.name}: {rows} x {columns} poses"
+    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
@@ -298,7 +302,8 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
         values = {key: column[k] for key, column in study.columns.items()}
         entries.append({"parameters": parameters, **values, "why": why})
     document = {"robot": robot, "designs": entries, "units": study.units}
-    count, size = len(entries), study.task.size
+    count = len(entries)
+    size = study.task.size
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
     lines += _study_table(study, with_reasons=refused > 0)

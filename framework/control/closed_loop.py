@@ -2,6 +2,10 @@
 
 `Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`.
 `run_closed_loop` drives the robots, ends diverged runs and decides which runs pass.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length; loop equations `loops`
+(independent).
 """
 
 from __future__ import annotations
@@ -121,7 +125,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
     # parameters of bodies that move as one add up, so their sum changes by the change of the payload
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
-    if parameters[0] > 0:  # the mass
+    if parameters[0] > 0:  # only a body with mass has an inertia to change
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
     for k, shift in enumerate(variation.shifts, start=1):  # joint 0 is the world
         model.jointPlacements[k].translation += shift
@@ -230,7 +234,7 @@ def run_closed_loop(
     last = len(ref.times) - 1
     lost = np.full(len(variations), np.inf)  # (R,) [s] instants at which runs diverged
     x: list[Array] = []  # (R, n) platform coordinates of each check
-    # (K, R, n_a) torques that the controller commands, and torques of the motors, which are delayed
+    # torques (K, R, n_a) that the controller commands, and those of the motors, which follow with a delay
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start  # (R, nq), (R, nv)
     for k in range(last + 1):
@@ -244,7 +248,7 @@ def run_closed_loop(
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
-        # until its delay has passed, a run keeps its first command
+        # each run has its own delay, a number of periods; until it has passed, the first command applies
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
         if k == last or np.isfinite(lost).all():
             break
@@ -352,7 +356,7 @@ class _VariedRobots(NamedTuple):
             stepper = Stepper.of(varied_robots, like=ref.robot)
             copies = (len(variations), 1)
             q = np.tile(ref.motion.q[0], copies)
-            start = stepper.start(q, None, np.tile(ref.torque[0], copies), world=world)
+            start = stepper.start(q, torque=np.tile(ref.torque[0], copies), world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"

@@ -12,6 +12,10 @@ loops with the passive joints, P dq_p = -residual. With the joint accelerations 
 where T' eliminates the loop forces, and damping and joint springs are added to RNEA. A step is accepted by
 the criteria of `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors in short
 steps, or reports the singularity at which the assembly mode ends.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `following` (passive but not
+idle ones); units `column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the
+robot's length; loop equations `rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations
@@ -87,7 +91,8 @@ class ControlCycle:
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
         self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
 
-        self.q, self.x = start.q.copy(), start.x.copy()
+        self.q = start.q.copy()
+        self.x = start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
         self.T[robot.actuated] = np.eye(robot.n_a)
         if self._linearise(self.q) == np.inf:
@@ -214,7 +219,9 @@ class ControlCycle:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
-        tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2.
+        tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2. P and
+        T of the last cycle predict the step; afterwards they are those of the new configuration, even of a
+        refused one.
         """
         last_determinant = np.linalg.det(self._P)
         motor_step = target - self._motors  # (n_a,)
@@ -274,7 +281,8 @@ class ControlCycle:
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):
-            self.x, self.dx = q[platform.q_indices], self.v[platform.columns]
+            self.x = q[platform.q_indices]
+            self.dx = self.v[platform.columns]
         elif isinstance(platform, FramePlatform):
             self.x, self.dx = self._platform_motion(platform)
 
@@ -336,9 +344,11 @@ class SinglePose:
 
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
-        rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
+        rows = robot.rows
+        scratch = Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
-        self.robot, self.scratch = robot, scratch
+        self.robot = robot
+        self.scratch = scratch
         self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
@@ -354,11 +364,14 @@ class SinglePose:
         Each row of the Jacobian is a wrench times the screws of the joints: a force a at the second frame's
         origin, or for a rotation the couple b x a, with a and b of `_update_residual`.
         """
-        scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
+        scratch = self.scratch
+        rows = self.robot.rows
+        wrench = self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
         force, second = self._update_residual(q)  # a and b
-        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
+        # origins (m, 3) of the second frames: `vectors` are indices into all axes and origins of the frames
+        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)
         if rows.only_translations:
             wrench[:, :3] = force
         else:
@@ -394,7 +407,10 @@ class SinglePose:
         return FrameStack(self._placements[None], self.scratch.screws[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
-        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
+        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`.
+
+        Pinocchio has the twist of the platform's body at the base's origin: velocity, then angular velocity.
+        """
         twist = self.scratch.velocities[self.scratch.bodies[0]]
         return twist[:3] + cross(twist[3:], self.platform_origin), twist[3:]
 
@@ -409,7 +425,8 @@ class SinglePose:
         The residual of a loop equation is weight a . b - constant. The vectors a and b are axes of its two
         frames or the offset between their origins, see `row_factors`.
         """
-        scratch, rows = self.scratch, self.robot.rows
+        scratch = self.scratch
+        rows = self.robot.rows
         # pinocchio stores three axes and the origin of each frame of the model, one after another
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)

@@ -23,6 +23,10 @@ crossing, and corrects them only in directions in which P is regular. Away from 
 are equal. After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2
 singularity crossing, Control Engineering Practice 39, 2015, who switch to a model that stays consistent near
 the singularity.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `following` (passive but not
+idle ones), `moving` (motor joints, then passive but not idle ones); units `column_scale` (nv,) of joints and
+`platform_scale` (n,) of the platform, 1 rad or the robot's length; loop equations `loops` (independent).
 """
 
 from __future__ import annotations
@@ -97,7 +101,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"got {period!r}"
         )
 
-    robot, dynamics = plan.robot, plan.dynamics
+    robot = plan.robot
+    dynamics = plan.dynamics
     # rounding must not lose the instant at the end
     count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
@@ -110,12 +115,12 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         times=times,
         motion=motion,
         x=x,
-        dx=plan.platform(times, 1),
-        ddx=plan.platform(times, 2),
+        dx=plan.platform(times, order=1),
+        ddx=plan.platform(times, order=2),
         torque=dynamics.torques(times),
         period_torque=dynamics.torques(middles),
         motor_angle=plan.motor_angle(times),
-        motor_speed=plan.motor_angle(times, 1),
+        motor_speed=plan.motor_angle(times, order=1),
         N=joint_rates_by_platform(robot, motion, x),
         law=plan.law,
         wrenches=dynamics.wrenches,
@@ -395,7 +400,8 @@ class ComputedTorque:
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY  # critically damped: k_d = 2 w, k_p = w^2
-        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
+        # the commanded acceleration (R, n) of the platform: planned, plus feedback of errors
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
 
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
@@ -437,8 +443,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     depend on the number of runs.
     """
     robot = reference.robot
-    rows = robot.loops
-    columns = robot.moving
+    rows = robot.loops  # independent loop equations
+    columns = robot.moving  # of the joints that move without springs
     frames = frames_at(robot, state.q)
     J = loop_equations(rows, frames).jacobian
     F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]  # (R, n + m, columns)
@@ -460,7 +466,8 @@ def _planned_multipliers(reference: Reference) -> Array:
     """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
 
     At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
-    J' lambda = r - S' tau, do so, where tau is the planned torque on the joint side and S selects the motors.
+    J' lambda = r - S' tau, do so, where r are the forces of the open tree, tau is the planned torque on the
+    joint side, without the torque that accelerates rotors, and S selects the motors.
     """
     robot = reference.robot
     motion = reference.motion

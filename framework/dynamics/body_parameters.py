@@ -40,13 +40,14 @@ def tree_regressor(robot: Mechanism, motion: Motion, bodies: IntArray | None = N
         motion: positions, velocities and accelerations of all joints at T instants.
         bodies: (b,) pinocchio indices of the joints that carry the bodies; all bodies by default.
     """
-    model, data = robot.model, scratch_of(robot).data
+    model = robot.model
+    data = scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
     regressor = np.empty((len(motion.q), model.nv, len(bodies), 10))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         all_columns = pin.computeJointTorqueRegressor(model, data, q, v, a)  # (nv, 10 (njoints - 1))
         regressor[k] = all_columns.reshape(model.nv, -1, 10)[:, bodies - 1]
-    # pinocchio's parameters are on the axes of joints, ours on the axes of links
+    # pinocchio's parameters are on the axes of joints, those of this package on the axes of links
     transforms = _link_to_joint_transforms(robot)[bodies - 1]  # (b, 10, 10)
     on_link_axes = regressor[:, :, :, None] @ transforms
     return on_link_axes.reshape(*regressor.shape[:2], -1)
@@ -60,7 +61,7 @@ def _link_to_joint_transforms(robot: Mechanism) -> Array:
 
 
 def link_of(model: pin.Model, j: int) -> str:
-    """Return the name of the first link fixed to joint j."""
+    """Return the name of the first link fixed to joint j; without a link, the name of the joint."""
     body = pin.FrameType.BODY
     names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
     return str(next(names, model.names[j]))

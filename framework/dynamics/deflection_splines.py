@@ -72,14 +72,17 @@ class DeflectionSplines(ReadOnlyArrays):
         return read_only(self._repeat_edges(SPLINE_DEGREE - self.continuity))
 
     def _repeat_edges(self, at_joins: int) -> Array:
-        """Repeat edges of cells: SPLINE_DEGREE + 1 times at both ends, `at_joins` times between panels."""
-        repetitions = np.where(np.isin(self.cells, self.panels), at_joins, 1)
+        """Repeat edges of cells: SPLINE_DEGREE + 1 times at both ends, `at_joins` times between panels.
+
+        Other edges are not repeated. Edges of panels are among those of cells, without rounding.
+        """
+        repetitions = np.where(np.isin(self.cells, self.panels), at_joins, 1)  # (k + 1,)
         repetitions[[0, -1]] = SPLINE_DEGREE + 1
         return np.repeat(self.cells, repetitions)
 
     @property
     def size(self) -> int:
-        """The number of splines."""
+        """The number of splines, each of which spans SPLINE_DEGREE + 2 knots."""
         return len(self.knots) - SPLINE_DEGREE - 1
 
     @cached_property
@@ -112,7 +115,10 @@ class DeflectionSplines(ReadOnlyArrays):
         return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
 
     def columns(self, intervals: IntArray) -> IntArray:
-        """Return indices (T, SPLINE_DEGREE + 1) of the splines that are not zero after knots (T,)."""
+        """Return indices (T, SPLINE_DEGREE + 1) of the splines that are not zero behind knots.
+
+        `intervals` (T,) are the indices of these knots.
+        """
         return intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
 
     def bases(self, intervals: IntArray, p: Array) -> Array:
@@ -134,9 +140,14 @@ class DeflectionSplines(ReadOnlyArrays):
         return np.einsum("tj,tj...->t...", bases, series[self.nodes.columns])
 
     def fit(self, values: Array) -> Array:
-        """Fit coefficients (size, c) to values (T, c) at the nodes, in the least squares."""
+        """Fit coefficients (size, c) to values (T, c) at the nodes, in the least squares.
+
+        With the values of all splines at the nodes as rows B (T, size), the normal equations are
+        B' B coefficients = B' values.
+        """
+        # of each row only the splines that are not zero are stored; `bases` has derivatives behind the values
         rows = banded_rows(self.nodes.bases[0][:, None], self.nodes.columns, self.size)
-        return BandedFactor.factor_squares(rows, 0.0).solve(rows.T @ values)
+        return BandedFactor.factor_squares(rows, added=0.0).solve(rows.T @ values)
 
     def insert(self, other: DeflectionSplines, series: Array) -> Array:
         """Return the coefficients (size, c) of functions that are given on coarser cells.
@@ -181,7 +192,7 @@ class KnownDeflections(NamedTuple):
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute deflections and two time derivatives at t (T,), each (T, n_e)."""
         p = np.clip(self.clock.parameter(t), self.splines.cells[0], self.splines.cells[-1])
-        # the functions and their derivatives by p, then dp/dt and d2p/dt2
+        # the functions and their derivatives by p, then dp/dt and d2p/dt2 (after the value, which is s)
         value, slope, bend = (self.splines.evaluate(self.series, p, order) for order in range(3))
         _, rate, acceleration = self.clock.motion(p)
         dp = rate[:, None]

@@ -1,6 +1,9 @@
 """One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these.
 
 q_e are the deflections of the springs, x the platform coordinates on the path, s(t) the law.
+
+Attributes of a robot: indices in the velocity vector `elastic` (springs); units `column_scale` (nv,) of
+joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -60,10 +63,12 @@ def evaluate_deflected_motion(
     """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid.
 
     Args:
+        branch: configurations along the path, springs at rest.
+        grid: T nodes in time.
         deflections: deflections (n_e) as a function of time.
         neighbour: a pass on the same grid with similar deflections, if available.
     """
-    at_nodes = grid.values(deflections)  # with two time derivatives
+    at_nodes = grid.values(deflections)  # the deflections and two time derivatives, (T, n_e) each
     return at_nodes[0], motion_with_deflections(branch, grid.times, law, at_nodes, neighbour)
 
 
@@ -76,24 +81,30 @@ def motion_with_deflections(
 ) -> Motion:
     """Compute the motion of all joints at instants (T,) with given deflections.
 
+    The loops are closed by Newton's method from a guess: the branch's configurations with the springs
+    deflected or, nearer, one step along the tangent from a neighbour.
+
     Args:
+        branch: configurations along the path, springs at rest.
+        times: instants [s].
         deflections: values, first and second time derivatives, each (T, n_e).
-        neighbour: a pass on the same nodes with similar deflections, whose configurations are the guess.
+        neighbour: a pass at the same instants with similar deflections; None without one.
     """
     robot = branch.robot
     q_e, *deflection_rates = deflections
-    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
-    x, dx, ddx = time_derivatives(branch.path, s)
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
     if neighbour is None:
-        guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
-    else:  # a tangent step from the neighbour, whose loop equations are already factored
+        guess = integrate_columns(robot, branch.guess(s_and_rates[0]), robot.elastic, q_e)
+    else:  # the neighbour's loop equations are already factored, so a step along the tangent is cheap
         linearised = neighbour.motion.linearised
-        # (T, n) from the neighbour's pose to x
+        # (T, n) twist from the neighbour's pose to x
         platform_step = -robot.platform.residual(linearised.frames, x)
         step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
         guess = integrate(robot, neighbour.motion.q, step)
     closed = close_loops(robot, x, guess)
-    return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s[0])
+    # the motion, under the external wrenches at these s
+    return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s_and_rates[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

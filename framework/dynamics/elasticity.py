@@ -89,7 +89,7 @@ def solve_deflections(
     """
     robot = branch.robot
     at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-    current = evaluate_pass(branch, grid, first_law, at_rest, None)
+    current = evaluate_pass(branch, grid, first_law, at_rest, neighbour=None)
     if geometry == "rigid":
         return _small_displacements(branch, grid, current)
     _check_stiffness(robot, grid, current)
@@ -165,7 +165,7 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
     deflections = grid.fit(current.caused)
     motion = current.motion
     if branch.robot.n_e:
-        motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)[1]
+        _q_e, motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)
     return DeflectionSolution(grid, current.law, motion, current.forces, deflections, current.caused)
 
 
@@ -206,9 +206,10 @@ def _solution_of_pass(
 
 
 def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:
-    """Return the largest residual (T, n_e) over the largest deflection, or as a force over the largest force.
+    """Return the largest ratio of a residual (T, n_e) to the largest deflection or spring force.
 
-    The larger ratio counts. Deflections alone would hide errors of stiff springs, forces alone those of soft
+    A residual is compared as a deflection with the largest deflection, and as a force with the largest force;
+    the larger ratio counts. Deflections alone would hide errors of stiff springs, forces alone those of soft
     springs.
 
     Args:

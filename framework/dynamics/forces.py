@@ -17,6 +17,10 @@ To first order and at constant lambda, a change of the motion changes the right 
 
 lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
 dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs), `moving`
+(motor joints, then passive but not idle ones); units `platform_scale` (n,) of the platform, 1 rad or the
+robot's length; loop equations `loops` (independent); `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations
@@ -123,7 +127,8 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 
 def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
     """Compute the mass matrices (T, nv, nv) of the open tree at q (T, nq), rotors not included."""
-    model, data = robot.model, scratch_of(robot).data
+    model = robot.model
+    data = scratch_of(robot).data
     upper = np.empty((len(q), model.nv, model.nv))
     for k in range(len(q)):
         upper[k] = pin.crba(model, data, q[k])
@@ -233,14 +238,18 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
 def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
     """Compute the derivatives of the open tree's forces by q, v and a, each (T, nv, nv).
 
-    Column i of a derivative belongs to velocity index i; derivatives by q are along tangent vectors of
-    pinocchio's configurations. The derivative by a is the mass matrix with armature, without rotors.
+    Column i of a derivative belongs to the joint coordinate i of the velocity vector; derivatives by q are
+    along tangent vectors of pinocchio's configurations. The derivative by a is the mass matrix with armature,
+    without rotors.
     """
-    data, nv = scratch_of(robot).data, robot.nv
+    data = scratch_of(robot).data
+    nv = robot.nv
     by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.computeRNEADerivatives(robot.model, data, q, v, a)
-        by_q[k], by_v[k], by_a[k] = data.dtau_dq, data.dtau_dv, data.M
+        by_q[k] = data.dtau_dq
+        by_v[k] = data.dtau_dv
+        by_a[k] = data.M
     if robot.joint_stiffness.any():
         by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
     by_v += np.diag(robot.joint_damping)
@@ -259,7 +268,8 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
         multipliers: (T, m) the constant lambda of the independent loop equations.
         changes: changes of q, v and a by unit steps of k coordinates.
     """
-    linearised, dq = motion.linearised, changes.q
+    linearised = motion.linearised
+    dq = changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
@@ -288,5 +298,6 @@ def driven_force_changes(
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)
     changed += robot.rotors * changes.accelerations
+    # springs resist steps of positions, the first ones
     changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
     return changed

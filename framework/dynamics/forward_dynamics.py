@@ -13,6 +13,9 @@ motion, and their changes at fixed lambda, are
 
 `driven_force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the
 inertia, which is regular at a Type 2 singularity.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
+`column_scale` (nv,) of joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -236,8 +239,8 @@ def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Arr
     """
     by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
     motor_slopes = [by_ddy @ slope for slope in slopes]
-    motor_slopes[0] += by_y[..., :d]
-    motor_slopes[1] += by_dy[..., :d]
+    motor_slopes[0] += by_y[..., :d]  # the derivative by y
+    motor_slopes[1] += by_dy[..., :d]  # the derivative by dy
     return motor_slopes
 
 

@@ -13,6 +13,10 @@ are indeterminate in a rigid robot. They are NaN, since any number would be an a
 
 The wrench in a joint is the inertial wrench of all bodies that the joint carries, less the external wrenches
 and the loop wrenches on these bodies. All are summed about the base's origin.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `moving` (motor joints, then
+passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's length; loop equations
+`rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations
@@ -66,12 +70,12 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def clearance(self) -> Array | float:
         """The least singular value of the passive columns P; infinite without passive joints."""
-        return self._unstack(clearance(self.robot, self._motion.linearised))
+        return self._shape_like_q(clearance(self.robot, self._motion.linearised))
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
         """The wrench (6,) of each closure [a, b], BY b's body ON a's at a's origin; NaN if undetermined."""
-        return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
+        return self._shape_each_like_q(closure_wrenches(self.robot, self._loop_loads))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
@@ -79,7 +83,7 @@ class Instant(ReadOnlyArrays):
 
         The torque on the second joint is minus `ratio` times this torque.
         """
-        return self._unstack_each(coupling_torques(self.robot, self._loop_loads))
+        return self._shape_each_like_q(coupling_torques(self.robot, self._loop_loads))
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
@@ -88,14 +92,14 @@ class Instant(ReadOnlyArrays):
         The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
         a coupling.
         """
-        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loop_loads))
+        return self._shape_each_like_q(joint_reactions(self.robot, self._motion, self._loop_loads))
 
     @cached_property
     def platform_inertia(self) -> Array:
         """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
         mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
         _G, rates = motor_speeds(self.robot, self._motion.linearised)  # (T, nv, n) joints, for unit twists
-        return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
+        return self._shape_like_q(rates.swapaxes(1, 2) @ mass @ rates)
 
     @cached_property
     def motor_inertia(self) -> Array:
@@ -113,7 +117,7 @@ class Instant(ReadOnlyArrays):
             S = np.linalg.inv(joint_rates[:, robot.actuated][is_regular])
             M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[is_regular]
             inertia[is_regular] = S.swapaxes(1, 2) @ M_x @ S
-        return self._unstack(inertia)
+        return self._shape_like_q(inertia)
 
     @cached_property
     def platform_velocity(self) -> Array:
@@ -122,25 +126,28 @@ class Instant(ReadOnlyArrays):
         For a platform with several axes of rotation the twist is not dx/dt.
         """
         twist, _twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist)
+        return self._shape_like_q(twist)
 
     @cached_property
     def platform_acceleration(self) -> Array:
-        """The time derivative (n,) of `platform_velocity`."""
+        """The time derivative (n,) of the platform's twist, `platform_velocity` [m/s^2, rad/s^2]."""
         _twist, twist_rate = platform_twists(self.robot, self._motion)
-        return self._unstack(twist_rate)
+        return self._shape_like_q(twist_rate)
 
     @cached_property
     def velocity_matrices(self) -> VelocityMatrices:
-        """The matrices A, B, C of A v = B dq_a + C dq_e, with the platform's twist v."""
+        """The matrices A, B, C of A v = B dq_a + C dq_e.
+
+        v is the platform's twist; dq_a and dq_e are the rates of motor joints and of deflections.
+        """
         matrices, _rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._unstack, matrices))
+        return VelocityMatrices(*map(self._shape_like_q, matrices))
 
     @cached_property
     def velocity_matrix_rates(self) -> VelocityMatrices:
         """The time derivatives of A, B and C along the motion."""
         _matrices, rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._unstack, rates))
+        return VelocityMatrices(*map(self._shape_like_q, rates))
 
     @property
     def indeterminate(self) -> tuple[str, ...]:
@@ -160,13 +167,13 @@ class Instant(ReadOnlyArrays):
         freeze(loads)
         return loads
 
-    def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...), or its only item for a single configuration q."""
+    def _shape_like_q(self, stack: Array) -> Array:
+        """Return a stack (T, ...) if q is a stack, or its only item if q is a single configuration."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
-    def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Return named stacks (T, ...), or the only item of each for a single configuration q."""
-        return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
+    def _shape_each_like_q(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
+        """Return named stacks (T, ...) if q is a stack, or the only item of each."""
+        return MappingProxyType({name: self._shape_like_q(stack) for name, stack in stacks.items()})
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
@@ -223,7 +230,7 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
     stacked = {}
     for frame, wrench in (wrenches or {}).items():
         check_frame(robot, frame)
-        stacked[frame] = stack_rows(f"wrenches: {frame}", wrench, 6, count)
+        stacked[frame] = stack_rows(f"wrenches: {frame}", wrench, width=6, count=count)
     return stacked
 
 
@@ -263,7 +270,9 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
         r: forces of the open tree.
         joint_torque: tau_joint (T, n_a).
     """
-    rows, columns, frames = robot.rows, robot.moving, linearised.frames
+    rows = robot.rows
+    columns = robot.moving
+    frames = linearised.frames
     wrench = linearised.loops.wrench  # (T, rows, 6) of unit multipliers, at the second frames' origins
     position = frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]  # (rows, nv)
@@ -274,7 +283,8 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     # solve in radians and robot lengths, so that the rank and the least norm do not depend on units
     loop_forces = r[:, columns].copy()  # J' lambda
     loop_forces[:, : robot.n_a] -= joint_torque
-    scale, lengths = robot.column_scale[columns], robot.row_lengths
+    scale = robot.column_scale[columns]
+    lengths = robot.row_lengths
     scaled_jacobian = jacobian * scale / lengths[:, None]
     multipliers, null_space = _least_multipliers(scaled_jacobian, loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
@@ -332,7 +342,7 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     Args:
         loops: unit wrenches and multipliers of all loop equations.
     """
-    rows = np.flatnonzero(robot.rows.coupled)
+    rows = np.flatnonzero(robot.rows.coupled)  # the loop equations that are couplings
     # largest component of a null-space vector at each coupling (T, couplings)
     freedom = np.abs(loops.null_space[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
     torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
@@ -355,7 +365,8 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     # whether a joint carries a body: 0 or 1 in (bodies, joints); pinocchio's joint 0, the base, carries all
     first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
     carried_by_joint = np.insert(tree_columns(robot).carried[:, first_columns], 0, 1.0, axis=1)
-    bodies, rows = scratch_of(robot).bodies, robot.rows
+    bodies = scratch_of(robot).bodies
+    rows = robot.rows
     signs = carried_by_joint[bodies[rows.second]] - carried_by_joint[bodies[rows.first]]  # (rows, joints)
 
     # sum the wrenches of each joint about the base's origin, then move the sums to the joints' origins
@@ -379,13 +390,15 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
 
     Wrenches [N, N m] are about the joint's origin, on the axes of the base; origins (T, joints, 3) [m].
     """
-    scratch, count = scratch_of(robot), len(motion.q)
+    scratch = scratch_of(robot)
+    count = len(motion.q)
     poses = np.empty((count, *scratch.joint_placements.shape))  # of the joints: rotation (9 entries), origin
     forces = np.empty((count, *scratch.forces.shape))  # in the joints, on their own axes
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(robot.model, scratch.data, q)
         pin.rnea(robot.model, scratch.data, q, v, a)
-        poses[k], forces[k] = scratch.joint_placements, scratch.forces
+        poses[k] = scratch.joint_placements
+        forces[k] = scratch.forces
     rotations = rotation_matrices(poses)[:, :, None]
     on_base_axes = matvec(rotations, forces.reshape(*forces.shape[:2], 2, 3))  # forces and moments apart
     return on_base_axes.reshape(forces.shape), poses[..., 9:]

@@ -5,6 +5,9 @@ control the platform's twist t_s, along which the motion requires the force t_s 
 quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
 smooth, and no node lies at the singular instant, so the series interpolate the quotient without special
 treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coefficients that do not decay.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
+`column_scale` (nv,) of joints, 1 rad or the robot's length; `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations
@@ -213,7 +216,8 @@ def resolve(
         NoAnswer: as `inverse_dynamics`.
     """
     check_tolerance(tolerance)
-    robot, law = searched.branch.robot, choose_law(None, None)
+    robot = searched.branch.robot
+    law = choose_law(None, None)  # for springs at rest
     crossings = rigid_crossings(searched.branch, searched.points, law)
     if geometry == "rigid":
         check_bounded(robot, crossings, CONDITION_RESIDUAL)
@@ -366,7 +370,9 @@ class _Refinement:
         Args:
             solution: motion, forces and deflections on the nodes of the grid.
         """
-        branch, grid, motion = self.searched.branch, solution.grid, solution.motion
+        branch = self.searched.branch
+        grid = solution.grid
+        motion = solution.motion
         robot = branch.robot
         torques = grid.fit(motor_torque(robot, motion, solution.forces.joint_torque))
         q = motion.q
@@ -483,7 +489,8 @@ def _largest_tail(
         solution: the pass or solution with the deflections and the law.
         torques: motor torques (n_a) [N m] as a function of time.
     """
-    # torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy
+    # Torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy.
+    # Both factors are a few units of double precision.
     kinetic_energy = robot.mass * (robot.length / solution.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]

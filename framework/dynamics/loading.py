@@ -8,6 +8,9 @@ A step is accepted if the correction is small, if the gain of the share agrees w
 and if the tangent stiffness stays positive definite. So the equilibrium reached is connected with the
 unloaded configuration without a jump. Where the share turns back (a fold: snap-through) the turning point is
 solved for directly. A bifurcation (buckling) is bracketed by halving the steps.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `assign`
+overwrites rows.
 """
 
 from __future__ import annotations
@@ -147,7 +150,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         if not len(live):
             break
         # a step of each configuration; accepted ones move on
-        start, live_load = select(current, live), load.select(live)
+        start = select(current, live)
+        live_load = load.select(live)
         ends = _take_steps(robot, start, live_load, step[live])
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
         assign(current, live[ends.accepted], select(ends.points, ends.accepted))
@@ -169,6 +173,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
     """Return the reason (T,) to stop at the end of each step; NOT_CONVERGED to continue.
 
+    If a step has several reasons, the last of those below counts.
+
     Args:
         ends: the ends of the steps, accepted or not.
     """
@@ -188,8 +194,8 @@ def _loaded_stack(
     Where the assembly mode at the end differs from that of q, `reason` (T,) is changed in place from CARRIED
     to OTHER_MODE.
     """
-    end = linearised_at(robot, reached.q, None)
-    _, start_sign = mode_signs(robot, linearised_at(robot, q, None))  # (T,) of the assembly mode
+    end = linearised_at(robot, reached.q, x=None)
+    _, start_sign = mode_signs(robot, linearised_at(robot, q, x=None))  # (T,) of the assembly mode
     _, end_sign = mode_signs(robot, end)
     is_other_mode = end_sign != start_sign
     reason[is_other_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE

@@ -14,6 +14,10 @@ X is the platform's Jacobian and w the platform wrench missing for balance; [X; 
 Beside a singularity that the path misses, torques may rise like 1/|g|, in a peak as wide as the stretch of
 the path on which |g| doubles. Nodes that are farther apart do not resolve this peak, however small the tail
 of the series. So the torques are computed again where |g| is least and where it has doubled.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs), `moving`
+(motor joints, then passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's
+length; mask of lengths `sliding` (nv,); loop equations `rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations
@@ -114,7 +118,8 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
     """
-    robot, idle = branch.robot, branch.robot.structure.idle
+    robot = branch.robot
+    idle = branch.robot.structure.idle
     if not len(idle):
         return 0.0
     times = _choose_check_instants(robot, solution.grid.times)
@@ -125,7 +130,8 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
     # find the largest load, with forces of sliding joints converted to moments
     scale = robot.column_scale
     instant, k = np.unravel_index(np.abs(loads * scale[idle]).argmax(), loads.shape)
-    load, column = float(loads[instant, k]), int(idle[k])
+    load = float(loads[instant, k])
+    column = int(idle[k])
     largest_torque = np.abs(torques * scale[robot.actuated]).max()
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
@@ -142,15 +148,21 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return advice on how to hold an idle coordinate (velocity index `column`), or to remove its load."""
-    model, name = robot.model, robot.coordinates.name_of(column)
-    joint = int(tree_columns(robot).owner[column])
+    """Return advice on how to hold an idle coordinate, or to remove its load.
+
+    The coordinate has the index `column` in the velocity vector. It is a joint, which can be locked, or a
+    turn of a ball, which a closure between the bodies at both ends of the ball locks.
+    """
+    model = robot.model
+    name = robot.coordinates.name_of(column)
+    joint = int(tree_columns(robot).owner[column])  # pinocchio's joint to which the coordinate belongs
     if not is_ball(model.joints[joint]):
         return (
             f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
             f"it a motor, or leave out the inertia behind it"
         )
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
+    # the body in front of the ball, and the body behind it
     ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
     return (
         f"lock {name} (--lock of `crossing convert`), or that turn of the ball "
@@ -180,17 +192,17 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
         The poses, deflections included, and the motion that causes the forces.
     """
     robot = branch.robot
-    s = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
-    x, dx, ddx = time_derivatives(branch.path, s)
+    s_and_rates = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
+    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
     offsets = result.offsets(times)
     rates = [rate(times) for rate in result.deflection_rates]
     q = integrate(robot, result.origin, offsets)
     poses = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":
-        motion = motion_at(robot, branch.close(s[0]), dx, ddx)
+        motion = motion_at(robot, branch.close(s_and_rates[0]), dx, ddx)
     else:
         motion = motion_at(robot, poses, dx, ddx, *rates)
-    return poses, branch.load_motion(motion, s[0])
+    return poses, branch.load_motion(motion, s_and_rates[0])
 
 
 def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> None:
@@ -232,7 +244,9 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     Args:
         torque: motor torques (T, n_a), joint side.
     """
-    linearised, columns, idle = motion.linearised, robot.moving, robot.structure.idle
+    linearised = motion.linearised
+    columns = robot.moving
+    idle = robot.structure.idle
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
@@ -275,7 +289,8 @@ def _is_resolved_near(
         miss: the near miss of the robot with springs at rest.
         instant: time [s] at which that robot passes the near miss.
     """
-    robot, edges = branch.robot, solution.grid.edges
+    robot = branch.robot
+    edges = solution.grid.edges
     duration = edges[-1]
 
     def matrices(shares: Array) -> Array:
@@ -301,7 +316,8 @@ def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
     Args:
         miss: a least |g| on the path that is not zero.
     """
-    robot, x = searched.branch.robot, searched.branch.path(miss.s)
+    robot = searched.branch.robot
+    x = searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
         f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
@@ -344,7 +360,8 @@ def unresolved_error(
         enough: the least tolerance that some grid met.
         unseen: a near miss that no grid resolved, if any.
     """
-    robot, certificate = searched.branch.robot, result.certificate
+    robot = searched.branch.robot
+    certificate = result.certificate
     # the near miss to name: the unresolved one, or else that of the narrowest torque peak
     near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:

@@ -107,7 +107,8 @@ def _constant_sign_intervals(
     moving = np.flatnonzero(sign)
     if not len(moving):
         return t[[0, -1]], np.zeros(1)
-    ends, signs = [t[0]], [sign[moving[0]]]
+    ends = [t[0]]
+    signs = [sign[moving[0]]]
     for i, j in pairwise(moving):  # successive samples at which the motor moves
         if j - i > 2:  # a standstill between samples i and j
             ends += [t[i + 1], t[j - 1]]

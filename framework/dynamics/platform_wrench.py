@@ -25,6 +25,9 @@ coordinates are joints, as the pitch and roll of an ankle, the set of U has the 
 torques. They depend on the pose and on one another, while a file that describes the tree alone has
 independent limits. Assumptions: all parts are rigid, springs keep their deflections, there are no contacts,
 and motors reach their torque limit at every speed.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `platform_scale` (n,)
+of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -139,7 +142,7 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     stack, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
     G = stack[0]
     if robot.n_a != robot.n or np.linalg.matrix_rank(G) < robot.n:
-        return Hold(G, None)
+        return Hold(G, torque=None)
     return Hold(G, np.linalg.solve(G.T, wrench))
 
 

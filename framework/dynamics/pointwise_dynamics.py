@@ -24,6 +24,10 @@ The motor torques t solve G' t = T' (r + rotors), and their changes solve
 The right side needs the change of the forces (`forces.driven_force_changes`) along the change of the joints'
 motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors the part of t that drives
 bodies is the solution of least norm, t = G k with k (n,), and dt = dG k + G dk.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths `translations`
+(n,).
 """
 
 from __future__ import annotations
@@ -446,12 +450,12 @@ def dynamics_derivatives(
     force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
     slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
 
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+    torque_x, torque_dx, torque_ddx = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
-        torque_x=slopes[0],
-        torque_dx=slopes[1],
-        torque_ddx=slopes[2],
+        torque_x=torque_x,
+        torque_dx=torque_dx,
+        torque_ddx=torque_ddx,
         _robot=robot,
         _motion=motion,
     )

@@ -157,12 +157,13 @@ class InverseDynamics(ReadOnlyArrays):
     def motion(self, t: ArrayLike) -> Motion:
         """Compute the motion of all joints at t (T,), loops closed to rounding, with external wrenches."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        s = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
-        x, dx, ddx = time_derivatives(self.path, s)
+        s_and_rates = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
+        x, dx, ddx = time_derivatives(self.path, s_and_rates)
         closed = close_loops(self.robot, x, self.configuration(times))
-        rates = self.deflection(times, 1), self.deflection(times, 2)
+        rates = self.deflection(times, order=1), self.deflection(times, order=2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
-        return motion.with_wrenches(self.wrenches.evaluate(self.robot, closed.linearised.frames, s[0]))
+        frames = closed.linearised.frames
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, frames, s_and_rates[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""

@@ -82,7 +82,8 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted[0] -= s  # the series of law(t) - s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
         for _ in range(NEWTON_STEPS if len(t) else 0):
-            residual, slope = np.asarray(law(t)) - s, np.asarray(law(t, 1))
+            residual = np.asarray(law(t)) - s
+            slope = np.asarray(law(t, 1))
             # no step where the law stands still
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)
@@ -114,8 +115,8 @@ def rigid_crossings(
         return ()
     # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s = law_derivatives(law, times)  # s and two time derivatives, (T,) each
-    speeds = np.abs(s[1])
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    speeds = np.abs(s_and_rates[1])
     stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
@@ -124,23 +125,23 @@ def rigid_crossings(
             f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
         )
     # the samples are approximate poses, which are enough for the size of the forces
-    q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
-    forces = _undeformed_forces(branch, q, s)
+    q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s_and_rates[0][-SAMPLES:])])
+    forces = _undeformed_forces(branch, q, s_and_rates)
     return tuple(
         _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([forces[k], forces[-SAMPLES:]]))
         for k, (t, singular) in enumerate(crossed)
     )
 
 
-def _undeformed_forces(branch: Branch, q: Array, s: list[Array]) -> Array:
+def _undeformed_forces(branch: Branch, q: Array, s_and_rates: list[Array]) -> Array:
     """Compute the forces (T, nv) of the open tree at q (T, nq) along the path.
 
     Args:
-        s: the path coordinate and its first two time derivatives, each (T,).
+        s_and_rates: the path coordinate and its first two time derivatives, each (T,).
     """
-    x, dx, ddx = time_derivatives(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
     motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
-    return tree_forces(branch.robot, branch.load_motion(motion, s[0]))
+    return tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:

@@ -12,6 +12,8 @@ scalar of the law changes too (see `restoration`). Condition (8) of the loaded r
 does not change.
 
 Torques are those of `balancing_forces`, regular at Type 2 as long as F = 0.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs).
 """
 
 from __future__ import annotations
@@ -60,7 +62,8 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     Args:
         solution: deflections in balance under the law, with the equations that they solve.
     """
-    equations, state = solution.equations, solution.state
+    equations = solution.equations
+    state = solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
     terms = _law_terms(clock.law, state.splines.nodes.p)
@@ -182,10 +185,11 @@ def _split_terms(values: list[Array]) -> Array:
 def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> list[Array]:
     """Compute slopes (T, n_a, n_e) of torques by deflections, their rates and their accelerations.
 
-    Deflections are in the units of the springs.
+    Deflections are in the units of the springs (`spring_units`).
 
     Args:
-        balance: the balance about which torques are linearised.
+        balance: the balance about which torques are linearised. Its multipliers belong to loop equations of
+            unit size (`loop_weights`), and its springs are `stiffer` than the robot's by this factor.
     """
     motion = _motion_with_spring_rates(robot, balance, balance.prescribed)
     changes = coordinate_changes(robot, motion, robot.elastic)
@@ -194,7 +198,7 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
         load_changes = coordinate_changes(robot, balance.motion, robot.elastic)
     multipliers = balance.multipliers * loop_weights(robot)
     forces = force_changes(robot, balance.motion, multipliers, load_changes)  # (3, T, n_e, nv)
-    forces[1:] *= robot.elastic_inertia
+    forces[1:] *= robot.elastic_inertia  # False: no forces by rates and accelerations
     forces[0][:, range(robot.n_e), robot.elastic] += balance.stiffer * robot.stiffness
     accelerations = changes.accelerations[..., robot.actuated]
     slopes = []
@@ -209,8 +213,8 @@ def _balance_motors(
 ) -> Array:
     """Compute the torques (T, n_a, k) [N m] that balance forces of the tree, motor side.
 
-    Loop forces balance the columns that move while the motors are locked, J' lambda = forces in the least
-    squares. Motors balance the rest, and accelerate their rotors.
+    Loop forces balance the columns that move while the motors are locked (`locked_columns`): J' lambda =
+    forces in the least squares. Motors balance the rest, and accelerate their rotors.
 
     Args:
         balance: the balance whose configurations are used.

@@ -123,7 +123,7 @@ def largest_load_of(
     unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
-    bracket = _bracket_capacity(task, Capacity(0.0, unloaded))
+    bracket = _bracket_capacity(task, Capacity(multiple=0.0, plan=unloaded))
     return _bound_capacity(task, bracket)
 
 

@@ -78,12 +78,13 @@ class FidelityStudy(ReadOnlyArrays):
         this friction, so that the torque against it is unbounded near Type 2. Zero without such friction;
         infinite if the motors do no work.
         """
-        plan, friction = self.highest, neglected_friction(self.highest.dynamics)
+        plan = self.highest
+        friction = neglected_friction(self.highest.dynamics)
         if not friction.any():
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
         dissipated = np.abs(plan.velocity(times)) @ friction  # (T,) [W]
-        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)  # (T,) [W]
+        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, order=1)).sum(axis=1)  # (T,) [W]
         motor_work = np.trapezoid(supplied, times)
         return float(np.trapezoid(dissipated, times) / motor_work) if motor_work else np.inf
 
@@ -191,7 +192,8 @@ class FidelityStudy(ReadOnlyArrays):
 
     def _entry(self, comparison: Comparison) -> Document:
         """Return the entry of a compared level in the document of `to_dict`."""
-        name, spring = comparison.level.name, comparison.deflection
+        name = comparison.level.name
+        spring = comparison.deflection
         return {
             "level": name,
             "models": comparison.level.summary,

@@ -5,6 +5,9 @@ ends with the motion, or when the platform is lost: too far from the motion to c
 
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
+`column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -148,7 +151,9 @@ class ReferenceMotion:
         for name, (motion, seconds, reason) in motions:
             level = LEVELS_BY_NAME[name]
             if motion is None:
-                comparison = Comparison(level, None, unknown, unknown, reason)
+                comparison = Comparison(
+                    level, motion=None, torque_error=unknown, platform_error=unknown, reason=reason
+                )
             elif previous is not None and self._is_equal(motion, previous.motion):
                 lowest = previous.same_as or previous.level.name
                 comparison = replace(previous, same_as=lowest)
@@ -189,7 +194,8 @@ class ReferenceMotion:
         Args:
             motion: with the torques of the level.
         """
-        platform_error, reason = np.full(len(self.times), np.nan), ""
+        platform_error = np.full(len(self.times), np.nan)
+        reason = ""
         started = time.perf_counter()
         try:
             simulation = self._simulate_motion(motion)
@@ -197,7 +203,7 @@ class ReferenceMotion:
             reached = self.times <= end
             t = self.times[reached]
             platform_error[reached] = self._platform_distance(simulation.configuration(t), motion.platform(t))
-            if simulation.occurrences:  # the event `lost` has ended the simulation
+            if simulation.occurrences:  # the only event, "lost", has ended the simulation
                 lost = f"{100 * self.max_error:.3g} % off its path, and lost, at t = {end:.4g} s"
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
@@ -217,7 +223,8 @@ class ReferenceMotion:
             planned = motion.platform(np.array([min(t, motion.duration)]))
             return float(self.max_error - self._platform_distance(q[None], planned)[0])
 
-        robot, plan = self.highest, self.plan
+        robot = self.highest
+        plan = self.plan
         has_same_springs = plan.robot.elastic_names == robot.elastic_names
         start = plan.configuration(0.0) if has_same_springs else assemble(robot, plan.platform(0.0)).q
         return simulate(
@@ -234,7 +241,8 @@ class ReferenceMotion:
 
     def _make_drive(self, motion: InverseDynamics) -> Drive:
         """Return the drive with the torques of a level's motion, plus controllers of the motors if any."""
-        robot, control = self.highest, self.control
+        robot = self.highest
+        control = self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
             return feedforward
@@ -242,13 +250,16 @@ class ReferenceMotion:
         def torque(t: Array, q: Array, v: Array) -> Array:
             """Compute motor torques (T, n_a) at t (T,), q (T, nq) and v (T, nv)."""
             angle_error = motion.motor_angle(t) - robot.gear_ratio * robot.actuated_coordinates(q)
-            speed_error = motion.motor_angle(t, 1) - robot.gear_ratio * v[:, robot.actuated]
+            speed_error = motion.motor_angle(t, order=1) - robot.gear_ratio * v[:, robot.actuated]
             return feedforward.function(t, q, v) + control.torque(angle_error, speed_error)
 
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
+        """Compute the distances (T,) of the platform at q (T, nq) from x (T, n), in path lengths.
+
+        Rotations are multiplied by the robot's length.
+        """
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
         return np.linalg.norm(offset * robot.length, axis=1) / self.length

@@ -11,6 +11,9 @@ Type 2 singularities too, and holds with redundant motors.
 Each moving body has ten parameters (m, m c, I about the origin of its joint), on the axes of its link. Each
 motor has three: the rotor inertia on the motor side of the gear, and viscous and dry friction on the joint
 side. The robot file has these parameters too, those of the bodies split among their links.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -283,7 +286,7 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         target = x + step * 0.5 ** max(k - STEPS, 0)  # ever shorter after STEPS steps
         end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
         accepted = end.closed & ~(only_unmoved & has_moved)  # (count,) of the walks
-        end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], None))
+        end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], x=None))
         accepted[accepted] = end_clearance > BRANCHES_MEET  # away from singularities
         q[accepted] = end.q[accepted]
         x[accepted] = target[accepted]
@@ -308,8 +311,8 @@ class LinkParameters(NamedTuple):
 
     links: Names  # those with mass in the file
     values: Array  # (u,) in the robot file
-    spread: Array  # (u,) sizes of the parameters; the prior deviation is a multiple of them
-    to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
+    prior_sizes: Array  # (u,) sizes of the parameters; the prior deviation is a multiple of them
+    to_parameters: Array  # (p, u) matrix: adds up links to the parameters of bodies, `TorqueParameters`
 
     @property
     def link_slices(self) -> list[slice]:
@@ -323,22 +326,28 @@ class LinkParameters(NamedTuple):
 
 
 def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
-    """Collect the parameters of all links with mass and of the motors.
+    """Collect the u parameters of all links with mass and of the motors.
 
-    The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
+    A body consists of links fixed to one another, and its ten parameters are the sum of those of its links,
+    each transformed to the axes of the body. The matrix `to_parameters` (p, u) of the result computes these
+    sums and keeps the parameters of motors. The links are in the order of their bodies.
+
+    Args:
+        parameters: the p parameters of bodies and motors, `bodies` as indices of joints in pinocchio.
     """
     urdf = fromstring(robot.description.urdf_text)
     links = elements_by_name(urdf, "link").items()
     in_file = {name: read_inertial_parameters(link) for name, link in links}  # (10,) each, mass first
-    with_mass = {name: values for name, values in in_file.items() if values[0] > 0.0}
+    with_mass = {name: values for name, values in in_file.items() if values[0] > 0.0}  # the mass
 
-    frames: list[pin.Frame] = []  # of the links with mass, body by body
+    # a link is a frame of the kind BODY; find those of each body
+    frames: list[pin.Frame] = []
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
-    for i, joint in enumerate(parameters.bodies.tolist()):
+    for body, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
             if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
                 frames.append(frame)
-                columns.append(_link_columns(robot, parameters, i, frame))
+                columns.append(_link_columns(robot, parameters, body, frame))
 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
@@ -346,23 +355,24 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     return LinkParameters(
         links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),
-        spread=np.concatenate([*map(_link_sizes, link_values), _motor_spread(parameters, motors)]),
+        prior_sizes=np.concatenate([*map(_link_sizes, link_values), _motor_prior_sizes(parameters, motors)]),
         to_parameters=np.concatenate([*columns, motor_columns], axis=1),
     )
 
 
-def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, link: pin.Frame) -> Array:
-    """Return the columns (p, 10) of `to_parameters` for a link of the body with the index i.
+def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, body: int, link: pin.Frame) -> Array:
+    """Return the matrix (p, 10) by which a link adds to the p parameters of bodies and motors.
 
-    The link's parameters, on its own axes, add to the ten of the body after a change of axes.
+    The ten parameters of the link, on its own axes, add to the ten of its body after a change of axes. `body`
+    is the index of the body.
     """
-    columns = np.zeros((len(parameters.names), 10))
+    matrix = np.zeros((len(parameters.names), 10))
     pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
-    columns[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
-    return columns
+    matrix[10 * body : 10 * body + 10] = parameter_transform(pose_on_body)
+    return matrix
 
 
-def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
+def _motor_prior_sizes(parameters: TorqueParameters, motors: slice) -> Array:
     """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
 
     The sizes of viscous and dry friction are typical ones of this robot. The size of a rotor is the file's
@@ -411,7 +421,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     Args:
         links: the parameters in the file. Links whose parameters do not change keep their text.
         values: (u,) new values in the same order: inertial parameters of the links; rotor inertia, damping
-            and friction of each motor.
+            and friction of each motor, as in `OF_MOTORS`.
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
@@ -424,11 +434,11 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     # (n_a, 3) rotor inertia, damping and friction of each motor
     motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
-    joints = dict(description.joints)
+    joints = dict(description.joints)  # only those with properties in the file; the others have defaults
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
         actuators.append(replace(actuator, rotor_inertia=rotor))
-        in_file = joints.get(actuator.joint, JointDynamics())
-        joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
+        properties = joints.get(actuator.joint, JointDynamics())
+        joints[actuator.joint] = replace(properties, damping=damping, friction=friction)
     return replace(
         description,
         urdf_text=tostring(urdf, encoding="unicode"),

@@ -3,6 +3,9 @@
 A damped Gauss-Newton method solves for all poses and parameters together. The robot file's values are a
 prior, and Huber's weights reduce the influence of outliers. Parameter directions that the data do not
 determine keep the file's values, and are reported.
+
+Attributes of a model: indices in the velocity vector `actuated` (motor joints), `elastic` (the parameters, as
+virtual joints), `joints` (all others); units `column_scale` (nv,) of joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -334,7 +337,12 @@ class GaussNewton:
     """
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
-        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise."""
+        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise.
+
+        Args:
+            measured: the measurements at the T instants.
+            prior: (p,) standard deviations of the file's parameters [m, rad].
+        """
         self.model = model
         self.measured = measured
         self.q = q
@@ -353,14 +361,15 @@ class GaussNewton:
 
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). With
         each step of the parameters the poses take the step that keeps the linearised loops closed and the
-        residuals least.
+        residuals least. Iteration ends when a step changes no parameter by more than CONVERGED times its
+        standard deviation in the file, `prior`.
 
         Raises:
             NotConverged: no convergence within MAX_STEPS steps or with a damping of at most MAX_DAMPING.
         """
         damping = FIRST_DAMPING
         equations = eliminate_poses(self.model, self.measured, self.q)
-        cost = self._update_weights(equations)
+        cost = self._reweight(equations)  # at the file's parameters
         while self.steps < MAX_STEPS and damping <= MAX_DAMPING:
             self.steps += 1
             progress(self.steps)
@@ -380,7 +389,7 @@ class GaussNewton:
             self.values = values
             equations = next_equations
             damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
-            cost = self._update_weights(equations)  # of the new weights
+            cost = self._reweight(equations)  # with the new weights, which the next step must not raise
             if np.abs(change / self.prior).max() < CONVERGED:
                 self._estimate_deviations(equations)
                 return
@@ -420,12 +429,13 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _update_weights(self, equations: ParameterEquations) -> float:
-        """Update the noise and Huber's weights of the instants; return the cost.
+    def _reweight(self, equations: ParameterEquations) -> float:
+        """Set the noise and the weights of the instants from residuals; return the new cost.
 
         The noise is estimated from the median residual. An instant with a residual above HUBER times the
-        noise has the weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
-        Mathematical Statistics 35, 1964).
+        noise has Huber's weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
+        Mathematical Statistics 35, 1964). `weights` are the square roots of Huber's weights, because they
+        multiply residuals.
         """
         residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
@@ -445,7 +455,7 @@ class GaussNewton:
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
-        # Student's quantile of the same probability as DEVIATIONS deviations of a normal distribution
+        # widen by Student's quantile (stdtrit) at the probability of DEVIATIONS normal deviations (ndtr)
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 

@@ -11,6 +11,9 @@ the file's values. The pseudo-inertia of every body must be positive semidefinit
 IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be
 negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides its
 parameters among the links.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -261,7 +264,10 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 
 
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the times (T,) held out for validation: every fourth of 20 blocks."""
+    """Return a mask (T,) of the times (T,) held out for validation.
+
+    The duration is divided into equal blocks, of which the last of every HELD_OUT_EVERY is held out.
+    """
     share = (times - times[0]) / (times[-1] - times[0])
     count = 5 * HELD_OUT_EVERY  # of blocks
     blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
@@ -311,16 +317,16 @@ def _fit_possible_bodies(
         base, links: the base parameters, and the parameters of single links and motors.
         rows: whitened equations of the p parameters of bodies and motors.
         estimate: least squares estimate of the base parameters from the same rows.
-        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
     """
     # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
     # so small that their inverse squares swamp the other entries of the matrix
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
-    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
+    small = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
-    prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
+    prior_rows = base.combinations.coefficients[is_unseen] / small[is_unseen, None]
 
-    # normal equations (p, p), (p,) of all rows, about the file's values
+    # Normal equations (p, p), (p,) of all rows, about the file's values. Additional rows have the residual 0.
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2
@@ -368,23 +374,23 @@ def fit_possible_parameters(
     """Compute the most probable physically possible parameters (u,) of links and motors.
 
     They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, where the matrix
-    T = `to_parameters` adds up links to bodies, and the deviation is prior * `links.spread`. Let theta =
+    T = `to_parameters` adds up links to bodies, and the deviation is prior * `links.prior_sizes`. Let theta =
     best + change y, where `best` is the unconstrained minimum and `change` turns the quadratic form into
     |y|^2. Then the shortest y with possible parameters is the solution.
 
     Args:
         information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
-        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.spread`.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
 
     Raises:
         NotConverged: the solver does not converge.
     """
-    best, change = _minimise_misfit(links, information, residual, prior * links.spread)
+    best, change = _minimise_misfit(links, information, residual, prior * links.prior_sizes)
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
     motors = links.motor_slice
-    deviations = prior * links.spread[motors]
+    deviations = prior * links.prior_sizes[motors]
     not_negative = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
     y = least_norm_semidefinite(cones, not_negative)
     if isinstance(y, Unsolved):
@@ -440,8 +446,10 @@ def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatri
 def _balancing_scale(parameters: Array) -> Array:
     """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
 
-    P is the pseudo-inertia of parameters (10,).
+    P is the pseudo-inertia (4, 4) of a link's parameters (10,). Its diagonal holds three second moments and
+    the mass.
     """
     diagonal = np.diag(pseudo_inertia(parameters))
-    largest = diagonal[:3].max() or diagonal[3]  # all moments of a point mass at the origin are zero
+    # all moments of a point mass at the origin are zero: then they get the scale of the mass
+    largest = diagonal[:3].max() or diagonal[3]
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))

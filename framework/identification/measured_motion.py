@@ -5,6 +5,9 @@ forwards and backwards (scipy). Derivatives are those of splines of degree 5 thr
 (scipy). The instants used are half a period of the cutoff frequency apart, so that their noise is nearly
 independent, and away from the ends of the recording. The signs of the motors' speeds, on which dry friction
 depends, pass the same filter as the torques, so that they correspond.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints, 1 rad or the robot's length; mask of lengths `sliding` (nv,).
 """
 
 from __future__ import annotations
@@ -248,7 +251,7 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     """
     q_a, dq_a, ddq_a = joints
     q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    linearised = linearised_at(robot, q, None)
+    linearised = linearised_at(robot, q, x=None)
     _check_clearance(robot, q, linearised)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)
     joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
@@ -322,10 +325,10 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
     """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n)."""
     x, dx, ddx = platform
     q = np.empty((len(x), robot.model.nq))
-    start = assemble(robot, x[0]).q[None]
+    pose = assemble(robot, x[0]).q[None]  # (1, nq), a stack of one configuration
     for k in range(len(x)):
-        start = close_loops(robot, x[k : k + 1], start).q  # (1, nq) from the previous pose
-        q[k] = start[0]
+        pose = close_loops(robot, x[k : k + 1], pose).q  # from the previous pose
+        q[k] = pose[0]
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 

@@ -2,6 +2,10 @@
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
 for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `passive` (joints without
+motor or spring); units `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths
+`sliding` (nv,).
 """
 
 from __future__ import annotations
@@ -273,12 +277,12 @@ def record_sensors(
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
 
-    # the first of `recording_columns`
+    # these are the first of `recording_columns`, in the same order
     columns = [
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),
         _add_sensor_errors(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
-        _add_sensor_errors(random, simulation.platform(times), platform_noise, 0.0),
+        _add_sensor_errors(random, simulation.platform(times), platform_noise, step=0.0),
     ]
     values = np.concatenate(columns, axis=1)
     return Recording(f"sensors of {robot.name}", recording_columns(robot)[: values.shape[1]], values)

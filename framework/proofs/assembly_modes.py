@@ -22,6 +22,11 @@ architecturally singular   the conditions depend on one another in every pose: n
 If the legs give too few conditions, Newton's method searches closed poses from many starts, and Krawczyk's
 test proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that there
 are no other poses; otherwise the number found is a lower bound.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `passive` (joints without
+motor or spring), `following` (passive but not idle ones); units `column_scale` (nv,) of joints and
+`platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths `translations` (n,); loop
+equations `rows` (all).
 """
 
 from __future__ import annotations
@@ -174,8 +179,11 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     """Search modes by Newton's method from random starts, with the motors as in q (nq,).
 
     A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
+    All poses found, modes or not, are the candidates; the modes are proved to be all if the loops close in no
+    pose but the candidates. No bound on the number of modes is known, and no homotopy paths are counted.
     """
-    # close the loops, and sort the poses by their distance from the reference
+    # close the loops by the joints that follow the motors, and sort the poses by their distance from the
+    # reference
     starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
     poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
@@ -196,7 +204,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
 
 def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
-    """Return whether the platform in `frames` (one pose) is away from coordinates x (n,)."""
+    """Return whether the platform in `frames` (of one pose) is away from coordinates x (n,)."""
     offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
     return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
 
@@ -204,9 +212,10 @@ def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> b
 def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
     """Return whether the loops provably close in no poses but `poses` (nq,).
 
-    The motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg.
+    The motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg; boxes
+    are of their offsets from q [rad, robot lengths].
     """
-    joints = robot.following
+    joints = robot.following  # columns of the velocity vector
     is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
     candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
     offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
@@ -250,7 +259,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     for count, chain in enumerate(_leg_chains(robot)):  # each chain is a leg
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
-        # the combinations of the group's functions that are zero in all poses of the leg
+        # conditions are the combinations of the group's functions that are zero in all poses of the leg
         R, p = sampler.sample_displacements(chain, group.only_translates)
         null_space, condition_number = _null_space(displacement_functions(R, p)[:, group.chosen])
         conditions.append(null_space)
@@ -279,7 +288,8 @@ def _null_space(table: Array) -> tuple[Array, float]:
 def _displacement_group(robot: ParallelRobot) -> Displacements | None:
     """Choose the group of the platform's displacements; None if `study_quadric` has none.
 
-    A planar robot has to move normal to a base axis, with both translations in the plane.
+    A planar robot has to move normal to a base axis, with both translations in the plane: alone (n = 2) or
+    with the rotation (n = 3). Robots without joints that follow the motors, or with couplings, have no group.
     """
     if not len(robot.following) or robot.rows.has_couplings:
         return None
@@ -301,7 +311,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     """Yield all chains of edges from the base to the platform's body that visit no body twice.
 
     An edge is a joint of the tree or a closure, in one of both directions. Bodies have the numbers of the
-    joints of the tree that carry them; the base is body 0.
+    joints of the tree that carry them; the base is body 0. The search is depth first.
     """
     model = robot.model
     forward = [
@@ -310,13 +320,13 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     ]
     for closure in robot.description.closures:
         first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
-        forward.append(_Edge(first, second, 0, closure, forward=True))
+        forward.append(_Edge(first, second, joint=0, closure=closure, forward=True))  # no joint of the tree
     edges = list[_Edge]()  # in both directions
     for edge in forward:
         edges += [edge, edge._replace(start=edge.end, end=edge.start, forward=False)]
 
-    platform = model.frames[robot.frames[0]].parentJoint
-    pending: list[list[_Edge]] = [[]]  # chains that begin at the base
+    platform = model.frames[robot.frames[0]].parentJoint  # the platform's frame is the robot's first one
+    pending: list[list[_Edge]] = [[]]  # chains that begin at the base, the next one first
     while pending:
         chain = pending.pop(0)
         bodies = [0, *(edge.end for edge in chain)]
@@ -324,7 +334,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
             yield chain
         else:
             next_edges = [edge for edge in edges if edge.start == bodies[-1] and edge.end not in bodies]
-            pending[:0] = [[*chain, edge] for edge in next_edges]  # depth first
+            pending = [[*chain, edge] for edge in next_edges] + pending
 
 
 def _motions_are_group(closure: Closure | None) -> bool:
@@ -411,7 +421,8 @@ class _Sampler(NamedTuple):
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
                 offset -= normal * (normal @ offset)  # in the plane
-            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b  # by one of the random angles
+            # turn by one of the random angles, away from the attitude of the second frame in the first
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
 
         for distance in distances:
             assert closure.length is not None

@@ -15,6 +15,10 @@ All quantities are in radians and robot lengths, as in `linearised_loops`. A clo
 translations is written on the axes of the base. At closed loops these equations are equivalent, and no second
 derivative mixes joints of its two chains. Pinocchio's results at the middle of a box are trusted up to
 `DerivativeBounds.rounding`.
+
+Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
+units `column_scale` (nv,) of joints, 1 rad or the robot's length; mask of lengths `sliding` (nv,); loop
+equations `loops` (independent).
 """
 
 from __future__ import annotations
@@ -85,7 +89,8 @@ class DerivativeBounds:
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
                 f"{excluded[0]}"
             )
-        # lengths bound the rounding of positions: all links in one line, all slides extended, one to spare
+        # Rounding of positions grows with the largest length [robot lengths]: all links in one line, all
+        # slides extended, and one robot length to spare.
         max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         equations = robot.n + len(robot.loops.names)
@@ -137,7 +142,7 @@ class DerivativeBounds:
         frames = frames_at(self.robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
 
-        # sum the terms, in m and rad
+        # sum the terms, in m and rad; `scale` (R, k) makes slopes dimensionless afterwards
         scale = self.scale
         values = np.tile(-self.constants, (len(q), 1))
         slopes = np.tile(self.linear, (len(q), 1, 1))
@@ -194,17 +199,19 @@ class Derivatives(NamedTuple):
         )
 
     def _third_bounds(self, radii: Array) -> Array:
-        """Bound sum_k |d3F_ijk| r_k (S, R, k, k) over boxes of radii r (S, k) [rad, m].
+        """Bound how far second derivatives change over boxes of radii r (S, k) [rad, m].
 
-        F and its derivatives are dimensionless: rows are divided by their units, columns multiplied by the
-        units of the joints. Each bound is the sum over the terms of its row.
+        The bound (S, R, k, k) of d2F / dq_i dq_j is the sum of |d3F / dq_i dq_j dq_l| r_l over the joints l,
+        and over the terms of its equation. F is dimensionless, and so are q_i and q_j.
         """
-        thirds = np.zeros_like(self.hessians)
+        bounds = np.zeros_like(self.hessians)  # (S, R, k, k)
         for term in self.bounds.terms:
             chain = self.bounds.chains[term.ends]
             bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.unknowns])
-            thirds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
-        return ROUND_UP * thirds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
+            # the joints of the chain are some of the k unknowns: add to all pairs (i, j) of them
+            bounds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
+        # terms are in m and rad: divide by the unit of the equation, multiply by the units of q_i and q_j
+        return ROUND_UP * bounds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
 
 
 class Remainders(NamedTuple):
@@ -222,7 +229,8 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     before j on the chain or i = j.
     """
     first, second = chain.ends
-    # relative to the first frame, a joint that carries this frame moves the second one backwards
+    # A joint that carries the first frame moves the second one backwards relative to it (sign -1). A screw is
+    # the velocity at the base's origin and the turn axis, for a unit rate of the joint.
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6) at the base's origin
     turn_axes = screws[..., 3:]
     point = frames.position[:, second]
@@ -234,8 +242,9 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
     """Compute second derivatives w_i x first_j (S, L, L, 3) of a vector with first derivatives (S, L, 3).
 
-    Of two joints the inner one, i, is nearer to the first frame. It turns the derivative along the outer
-    joint j. `turn_axes` (S, L, 3) are the w of the joints of the chain, 0 of slides.
+    Of two joints of the chain the inner one, i, is nearer to the chain's first frame. It turns the derivative
+    along the outer joint j. `turn_axes` (S, L, 3) are the axes w of the L joints, 0 of slides. The result is
+    symmetric in i and j.
     """
     inner, outer = chain.joint_tuples(2)
     return cross(turn_axes[:, inner], first[:, outer])
@@ -300,8 +309,9 @@ def _differentiate_term(
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
     """Bound the levers (S, L) over boxes of radii (S, L), given each `lever` (S, L) at the middles.
 
-    The lever of a joint is the size |u_j| of the derivative of the point along it. A joint moves the point by
-    at most radius * lever. The levers of all hinges before it on the chain grow by no more than this.
+    The chain has L joints. The lever of a joint is the size |u_j| of the derivative of the point along it. A
+    joint moves the point by at most radius * lever. The levers of all hinges before it on the chain grow by
+    no more than this; levers of slides are constant.
     """
     widened = lever.copy()
     travel = np.zeros(len(radii))  # of the point, due to joint j and the joints after it
@@ -313,10 +323,12 @@ def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
 
 
 def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
-    """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L).
+    """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L) [rad, m].
 
-    |d3p| is at most the lever of the outermost joint if the two others turn, else 0. A direction moves like a
-    point on which every hinge has the lever 1, and every slide the lever 0.
+    i, j and k are three of the L joints between the frames of the term. The lever of a joint is the speed of
+    the point p for a unit rate of the joint. |d3p| is at most the lever of the outermost of the three joints
+    if the two others turn, else 0. A direction moves like a point on which every hinge has the lever 1, and
+    every slide the lever 0.
 
     Args:
         chain, derivatives: the L joints between the frames of the term, and p along them at the middles.

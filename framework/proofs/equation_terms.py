@@ -3,6 +3,10 @@
 A term is a product of vectors that turn with the joints: an axis of one frame, and an axis or the origin of
 another. Its chain is the joints that move the second frame relative to the first. `derivative_bounds`
 collects the terms once for each robot, `leg_paving` those of one leg.
+
+Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
+masks of lengths `sliding` (nv,) and `translations` (n,); loop equations `loops` (independent), `rows` (all);
+`neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations
@@ -65,7 +69,8 @@ class Chain(NamedTuple):
 
     def joint_tuples(self, count: int) -> IntArray:
         """Return all tuples of `count` joints (count, L, .., L), each sorted from the first frame on."""
-        return np.sort(np.indices(count * self.columns.shape), axis=0)
+        shape = count * self.columns.shape  # (L, .., L), `count` times
+        return np.sort(np.indices(shape), axis=0)
 
 
 class Term(NamedTuple):
@@ -87,9 +92,9 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
-        for coordinate, axis in enumerate(platform.axes.tolist()):  # x, y, z; turns about x, y, z
+        for coordinate, axis in enumerate(platform.axes.tolist()):  # 0..5: along x, y, z; about x, y, z
             kind = "point" if robot.translations[coordinate] else "turn"
-            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
+            terms.append(Term(coordinate, (BASE, 0), kind, first_axis=axis % 3))
     base_axes = _rows_on_base(robot)
     for row in range(len(robot.loops.names)):
         number = robot.n + row  # of the equation; those of the platform come first
@@ -165,7 +170,8 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
 
     These are the rows of closures that lock all translations (of a planar robot, both in the plane) between
     frames without a common moving joint. Such equations are equivalent on any three axes. On the axes of the
-    base no second derivative mixes joints of the two chains.
+    base no second derivative mixes joints of the two chains. Rows are indices among the independent loop
+    equations, `robot.loops`; `robot.rows` are all of them, with redundant ones.
     """
     loops = robot.loops
     normal = planar_axis(robot)

@@ -104,12 +104,14 @@ def find_real_solutions(
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
+    Of at most MAX_ATTEMPTS attempts along different paths, the result is the one with the fewest doubts.
+
     Args:
         group: the displacements among which the solutions are, with M functions.
         rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
-    if group.is_dependent(coefficients):
+    if group.is_dependent(coefficients):  # no solution is isolated
         R, p = group.to_displacements(np.zeros((0, group.size)))
         count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
         return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
@@ -145,7 +147,8 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     chart = choose_chart(ends.z[ends.arrived])
     z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N) of S arrived paths
 
-    # the middle of an enclosure must be real for its solution to be proved real
+    # The middle of an enclosure must be real for its solution to be proved real, so imaginary parts within
+    # rounding are removed.
     norms = np.linalg.norm(z, axis=1)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
@@ -155,7 +158,7 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
     decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
-    # all paths end at single solutions or at infinity
+    # all paths end at single solutions or at infinity, as many as solutions are possible (`bound`)
     is_complete = count.paths == group.bound and count.finite + count.infinite == group.bound
     status: Status = "numerically complete" if is_complete else "at least"
     if decided == group.bound and are_apart(z, proof.radii):
@@ -187,7 +190,8 @@ def _count_paths(
     proved = proof.proved
     # (S,) each, of the paths that arrived
     is_infinite = ends.infinite[ends.arrived] & ~proved
-    is_infinite[proved] = ~_have_no_infinite_point(group.members[0], z[proved], proof.radii[proved])
+    first_member = group.members[0]  # zero at infinity alone
+    is_infinite[proved] = ~_have_no_infinite_point(first_member, z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
     return PathCount(
@@ -205,13 +209,13 @@ def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> Bo
     by at most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the
     rounding, the polydisc holds no point at infinity.
     """
-    slopes = z @ quadric
+    slopes = z @ quadric  # A z
     value = np.abs(np.sum(slopes * z, axis=1))
     A_size = np.abs(quadric)
     z_size = np.abs(z)
     max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
     rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
-    return value > ROUND_UP**2 * (max_change + 2 * rounding)
+    return value > ROUND_UP**2 * (max_change + 2 * rounding)  # that of the value, and that of the change
 
 
 # ------------------------------------------------------------------ solution paths
@@ -342,13 +346,13 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
     ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
     last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
     _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
-    # of a path that never arrives, its last point
+    # a path that never arrives has no solution: its last point stands for one
     ends.z[~ends.arrived] = last[~ends.arrived]
     return ends
 
 
 def displacement_sizes(group: Displacements, z: ComplexArray) -> Array:
-    """Compute the sizes (S,) of displacements z (S, N), infinite at infinity.
+    """Compute the dimensionless sizes (S,) of displacements z (S, N); inf at infinity.
 
     The size is the norm of all members of the group at z, divided by the modulus of the first member, which
     is zero only at infinity.
@@ -405,11 +409,11 @@ def _run_endgame(
         ends.infinite[is_infinite] = True
 
         # track paths with a finite end to it; at a multiple solution they do not arrive
-        is_open = is_finite & ~ends.arrived
-        tracked_end = track_paths(group, segment_end, target, last[is_open], rng)
-        ends.z[is_open] = tracked_end.z
-        ends.arrived[is_open] = tracked_end.arrived
-        ends.multiple[is_open] = ~tracked_end.arrived
+        unfinished = is_finite & ~ends.arrived
+        tracked_end = track_paths(group, segment_end, target, last[unfinished], rng)
+        ends.z[unfinished] = tracked_end.z
+        ends.arrived[unfinished] = tracked_end.arrived
+        ends.multiple[unfinished] = ~tracked_end.arrived
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
@@ -448,8 +452,9 @@ class _LinearHomotopy(NamedTuple):
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N) at z (S, N), t (S,).
 
-        The step has the least norm where the Jacobian is singular. Values and Jacobian are both halved: half
-        the Jacobian times z gives the values of the quadrics.
+        The step has the least norm where the Jacobian is singular. Values and Jacobian are both halved, which
+        leaves the step unchanged. A quadric has the value z' Q z, the product of its row Q z of the halved
+        Jacobian with z. The last row is that of the chart, with the value chart . z - 1.
         """
         half_jacobian = self.half_jacobian(z, t)
         half_values = 0.5 * np.matvec(half_jacobian, z)  # (S, N)
@@ -462,13 +467,13 @@ class _LinearHomotopy(NamedTuple):
         The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method. The
         correction returned is the size of the last Newton step, relative to |z|.
         """
-        H = h[:, None]  # (S, 1) multiplies vectors
+        step = h[:, None]  # (S, 1), the same steps, to multiply vectors (S, N)
         # rates (S, N) at the start, twice in the middle, and at the end of the step
         k1 = self.rate(z, t)
-        k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
-        k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)
-        k4 = self.rate(z + H * k3, t + h)
-        ahead = z + H / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        k2 = self.rate(z + 0.5 * step * k1, t + 0.5 * h)
+        k3 = self.rate(z + 0.5 * step * k2, t + 0.5 * h)
+        k4 = self.rate(z + step * k3, t + h)
+        ahead = z + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
         for _ in range(NEWTON_STEPS):
             correction = self.newton_step(ahead, t + h)

@@ -68,7 +68,9 @@ class NewtonMap(NamedTuple):
     def errors(self, value_errors: Array, radii: Array) -> Array:
         """Bound the distance (S, k) of the map from `root`, over boxes of radii (S, k).
 
-        At the offset z, z - Y F(z) = root - Y (F(z) - values - J z) + (1 - Y J) z.
+        At the middle F has `values` and the Jacobian J, and the map is root = -Y values. At the offset z,
+        z - Y F(z) = root - Y (F(z) - values - J z) + (1 - Y J) z. `defect` bounds |1 - Y J|, and `rounding`
+        the error of `root`.
 
         Args:
             value_errors: (S, k) bounds on the distance of F from values + J z within the boxes.

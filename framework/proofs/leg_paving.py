@@ -5,6 +5,11 @@ position and attitude; `derivative_bounds` encloses them.
 
 A known solution is the only one in some box about it (`unique_radii`). All other boxes are narrowed and
 halved until none of them can hold a solution, or one is too small to be halved.
+
+Attributes of a robot: mask of lengths `sliding` (nv,); loop equations `rows` (all); `neutral` (nq,), all
+joints at zero.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays.
 """
 
 from __future__ import annotations
@@ -149,18 +154,21 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
         all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
-        is_open = ~remaining.empty & ~known.contains(all_narrow)
+        unfinished = ~remaining.empty & ~known.contains(all_narrow)
 
         # narrow the boxes that may hold another solution again, halve them, or leave them undecided
-        narrow = select(all_narrow, is_open)
+        narrow = select(all_narrow, unfinished)
         is_small = narrow.radii.max(axis=1) < DISTINCT_SOLUTIONS
         no_axis = np.full(narrow.size, NO_AXIS)
-        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, no_axis, is_small)
-        return Examined(None, undecided, pending)
+        undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, no_axis, is_small)
+        return Examined(proved=None, undecided=undecided, pending=pending)
 
-    # One undecided box spoils the proof. With equal distances no box is nearer, so the search ends there.
-    end = branch_and_bound(test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size))
-    return not (end.undecided.size or end.pending.size)
+    # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
+    # box, so that the search ends with the first one.
+    partition = branch_and_bound(
+        test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size)
+    )
+    return not (partition.undecided.size or partition.pending.size)
 
 
 # ------------------------------------------------------------------ the equations
@@ -246,8 +254,8 @@ def _is_bounded(equations: DerivativeBounds, slide: int) -> bool:
     Args:
         slide: index of the slide among the unknowns.
     """
-    joints = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # three poses
-    slopes = equations.evaluate(equations.configurations(joints)).slopes[:, :, slide]  # (3, m)
+    offsets = np.random.default_rng(0).uniform(-2, 2, (3, len(equations.unknowns)))  # of three poses
+    slopes = equations.evaluate(equations.configurations(offsets)).slopes[:, :, slide]  # (3, m)
     for ends in equations.chains:
         rows = [term.row for term in equations.terms if term.ends == ends and term.kind == "point"]
         squared_speed = (slopes[:, rows] ** 2).sum(axis=1)  # (3,) of the end, for a unit rate of the slide

@@ -1,6 +1,10 @@
 """The passive joints at a pose of the platform or with locked motors, and the proof that a solution exists.
 
 Newton's method closes the loops, redundant equations included, from many starts at once.
+
+Attributes of a robot: indices in the velocity vector `passive` (joints without motor or spring), `following`
+(passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's length; mask of
+lengths `sliding` (nv,); loop equations `loops` (independent), `rows` (all).
 """
 
 from __future__ import annotations
@@ -42,7 +46,10 @@ def find_joints_at_pose(
     """
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute offsets (T, 3 or 12) of the platform's frame from the pose, and slopes (T, .., nv)."""
+        """Compute dimensionless offsets (T, 3 or 12) from the pose, and slopes (T, .., nv).
+
+        The platform's frame has the number 0. The first 3 offsets are of its origin, the others of its axes.
+        """
         offsets = (frames.position[:, 0] - position) / robot.length
         slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
         if rotation is None:
@@ -85,7 +92,7 @@ def close_all_loops(
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
     """
-    is_last = False  # whether the last step has been taken
+    is_last = False  # whether the step after all loops were closed has been taken
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         values, slopes = scaled_equations(robot, robot.rows, frames)
@@ -107,13 +114,14 @@ def close_all_loops(
 
 
 def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
-    """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
+    """Draw configurations (count, nq): q (nq,) itself, then q with some joints at random.
 
-    Hinges turn by up to half a turn, slides move by up to a robot length.
+    These joints have the `columns` (k,) of the velocity vector. Hinges turn by up to half a turn, slides move
+    by up to a robot length.
     """
-    spread = np.where(robot.sliding[columns], robot.length, np.pi)
+    max_step = np.where(robot.sliding[columns], robot.length, np.pi)  # (k,) [rad, m]
     steps = np.zeros((count, len(columns)))
-    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-max_step, max_step, (count - 1, len(max_step)))
     return integrate_columns(robot, q, columns, steps)
 
 
@@ -145,7 +153,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
     loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
     """
-    linearised = linearised_at(robot, q[None], None)
+    linearised = linearised_at(robot, q[None], x=None)
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops
     if not platform_locked:
@@ -159,7 +167,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
     slope_changes = np.full_like(J, second_derivative * k * radius + rounding)  # k joints move by the radius
     equations = LinearEnclosure(values, J, np.full_like(values, rounding))
-    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), None)
+    proof = prove_existence(equations, slope_changes, np.full_like(values, radius), parameter=None)
     return bool(proof.proved[0])
 
 
@@ -181,7 +189,8 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
 def distinct_rows(joints: Array) -> list[int]:
     """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
 
-    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles.
+    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles
+    [rad].
     """
     points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()

@@ -17,6 +17,12 @@ at the middle,
 
 has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
 R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
+
+Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
+units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks, `assign` overwrites rows.
 """
 
 from __future__ import annotations
@@ -89,8 +95,8 @@ def prove_regular_ball(
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
-    First `within` [robot lengths, rad] is halved repeatedly, down to rounding. Then radii in small steps are
-    tried, from the largest proved one to its double.
+    First the radii `within` / 2^k [robot lengths, rad] are tried, down to rounding. Then radii in small
+    steps are tried, from the largest proved one to its double.
     """
     halvings = np.arange(np.finfo(float).nmant)  # as many as a number has binary digits
     halved = _largest_proved(test, q, np.ldexp(within, -halvings))
@@ -144,10 +150,10 @@ class _Cubes(NamedTuple):
         """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none.
 
         Outside of each cube, at its point nearest to the pose, lies one cube of the smallest size (level
-        MAX_CUTS). The neighbour is the cube of the stack that contains this smallest cube. Along each axis
-        the number of this smallest cube is that of the smallest cube about the pose, clipped to the range
-        from one before to one behind the smallest cubes within the given cube. The cube about the pose is
-        its own neighbour.
+        MAX_CUTS). The neighbour is the cube of the stack that contains this smallest cube. Along each axis a
+        given cube of this stack covers `count` smallest cubes. The number of the one sought is that of the
+        smallest cube about the pose, clipped to the range from one before to one behind the covered ones. The
+        cube about the pose is its own neighbour.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
         count = 2 ** (MAX_CUTS - self.level[:, None])  # (S, 1) smallest cubes along an edge
@@ -158,7 +164,8 @@ class _Cubes(NamedTuple):
         index_of = {tuple(key): index for index, key in enumerate(keys)}
         neighbour = np.full(len(keys), -1)
         for level in np.unique(self.level).tolist():
-            # numbers (S, n) of the cubes of this level that contain them: each level halves the numbers
+            # numbers (S, n) of the cubes of this level that contain the smallest cubes: each coarser level
+            # halves the numbers
             ancestors = inward >> (MAX_CUTS - level)
             for k, numbers in enumerate(ancestors.tolist()):
                 neighbour[k] = index_of.get((level, *numbers), neighbour[k])
@@ -168,8 +175,8 @@ class _Cubes(NamedTuple):
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
     """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,).
 
-    Cubes are tested up to the distance `within`, at most `max_cells` of them. First each cube is tested
-    alone. Then the proved ones are compared with their neighbours.
+    Distances are in robot lengths and rad. Cubes are tested up to the distance `within`, at most `max_cells`
+    of them. First each cube is tested alone. Then the proved ones are compared with their neighbours.
     """
     n = len(test.x)  # platform coordinates
     # the nearest faces of the first cube are OFF_CENTRE of its width away from the pose
@@ -389,7 +396,7 @@ def _passive_block_is_regular(
 
     # linear change of Y P with the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, joint_slopes, optimize=True)  # (S, s, s, n)
-    step = _bound_over_cell(joint_slopes, half, 1)  # (S, k) of the joints
+    step = _bound_over_cell(joint_slopes, half, dual_norm=1)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _bound_over_cell(changes, half, dual_norm) + gamma(s * k) * rounded
 
@@ -404,8 +411,8 @@ def _passive_block_is_regular(
 def _spectral_radius_below_one(N: Array) -> BoolArray:
     """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,); False if undecided.
 
-    This holds if N w < w for a vector w > 0 (Collatz 1942). The vector tried is that of the shifted row sums,
-    which is close to the Perron eigenvector.
+    This holds if N w < w for a vector w > 0 (Collatz 1942). The best w is the Perron eigenvector. The row
+    sums are close to it; PERRON_SHIFT times the largest row sum is added to all of them, so that w > 0.
     """
     sums = N.sum(axis=2)
     w = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)

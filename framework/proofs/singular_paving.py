@@ -13,6 +13,13 @@ tube about this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
+
+Attributes of a robot: indices in the velocity vector `following` (passive but not idle ones), `moving` (motor
+joints, then passive but not idle ones); units `platform_scale` (n,) of the platform, 1 rad or the robot's
+length; masks of lengths `sliding` (nv,) and `translations` (n,); loop equations `loops` (independent).
+
+Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
+concatenates stacks.
 """
 
 from __future__ import annotations
@@ -240,9 +247,13 @@ class MeasureEnclosure(NamedTuple):
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
     """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
-    With border vectors b and c, g solves [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1].
-    Its slope is -psi' dP eta (Govaerts 2000). `derivatives` are those at the middles of the boxes,
-    `remainders` bound their errors within the boxes.
+    With border vectors b and c (s,), g solves [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0;
+    1]. Its slope along the k joints is -psi' dP eta (Govaerts 2000).
+
+    Args:
+        block: the rows and columns of P in the Jacobian.
+        derivatives: of the equations at the middles of S boxes.
+        remainders: bounds on the errors of these derivatives within the boxes.
     """
     entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
@@ -255,7 +266,8 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     dP = derivatives.hessians[entries]  # (S, s, s, k)
     dP_change = remainders.hessians[entries] + rounding  # bounds
 
-    # in psi' dP eta one factor changes at a time: dP, then eta, then psi
+    # The change of psi' dP eta is at most the sum of three changes: one factor changes at a time (dP, eta,
+    # psi), while the others have their largest sizes.
     psi_size = np.abs(psi)
     eta_size = np.abs(eta) + eta_error
     dP_size = np.abs(dP)
@@ -320,8 +332,9 @@ class SingularBoxTest:
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut S boxes of k joints.
 
-        The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
-        arcs. A box with a proved arc that is too large is cut across the parameter of the arc.
+        The loops narrow all boxes. The measure g is valid in a box if its poses are singular exactly where g
+        = 0; there, loops and g narrow the box further and prove arcs. A box with a proved arc that is too
+        large is cut across the parameter of the arc.
         """
         # the loops narrow boxes, and drop those in which they cannot close
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
@@ -335,15 +348,15 @@ class SingularBoxTest:
 
         # where g is valid, its narrower boxes replace those that the loops alone have left, in place
         remaining.lower[valid], remaining.upper[valid] = decision.remaining
-        axis = np.full(boxes.size, NO_AXIS)
+        axis = np.full(boxes.size, NO_AXIS)  # (S,) joint across which a box must be cut
         axis[valid] = decision.axis
 
         # boxes with a small arc are finished; narrow the others again, cut them or leave them undecided
-        is_open = ~remaining.empty
-        is_open[valid] &= ~decision.is_arc
-        narrow = select(boxes.sub_boxes(*remaining), is_open)
+        unfinished = ~remaining.empty
+        unfinished[valid] &= ~decision.is_arc
+        narrow = select(boxes.sub_boxes(*remaining), unfinished)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, axis[is_open], is_small)
+        undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, axis[unfinished], is_small)
         return Examined(decision.arcs, undecided, pending)
 
     def _drop_unclosable_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
@@ -367,8 +380,9 @@ class SingularBoxTest:
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
 
-        The window (2, n) holds the least and the largest platform coordinates. Angles are compared modulo
-        whole turns.
+        The window (2, n) holds the least and the largest platform coordinates; without one, all boxes do. The
+        distance from its middle is at most half its width plus the change within the box. Angles are compared
+        modulo whole turns.
 
         Args:
             derivatives: of the R equations at the middles of S boxes.
@@ -388,22 +402,26 @@ class SingularBoxTest:
     ) -> _SingularEquations:
         """Join loops and measure g to the equations of singular poses.
 
+        Each equation is linearised at the middle of a box: value + slope d at the offset d. Two errors belong
+        to this linear form: of the value at d = 0 (rounding), and of the whole form anywhere in the box.
+
         Args:
             derivatives: of all equations at the middles of S boxes.
-            loops: the loop equations, enclosed in the boxes.
+            loops: the loop equations; their `errors` hold anywhere in the boxes.
             radii: (S, k) of the boxes.
-            wider: (S, k) radii of the boxes in which changes of the slopes are bounded.
+            wider: (S, k) radii of larger boxes, in which changes of the slopes are bounded.
         """
         n = self.bounds.robot.n  # the first n equations are those of the platform
-        remainders = derivatives.remainders(wider)
-        valid, g, g_changes = enclose_measure(self.block, derivatives, remainders)
-        g_errors = ROUND_UP * (g.errors + np.matvec(g_changes, radii))
+        remainders = derivatives.remainders(wider)  # bounds for values and slopes in the larger boxes
+        # g.errors (S, 1) hold at the middles, g_slope_changes (S, 1, k) in the larger boxes
+        valid, g, g_slope_changes = enclose_measure(self.block, derivatives, remainders)
+        g_errors = ROUND_UP * (g.errors + np.matvec(g_slope_changes, radii))  # anywhere in the boxes
         loops_at_middle = loops._replace(errors=np.full_like(loops.errors, self.bounds.rounding))
         return _SingularEquations(
             valid=valid,
             at_middle=loops_at_middle.concatenate(g),
             errors=np.hstack([loops.errors, g_errors]),
-            slope_changes=np.hstack([remainders.slopes[:, n:], g_changes]),
+            slope_changes=np.hstack([remainders.slopes[:, n:], g_slope_changes]),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],
@@ -440,7 +458,7 @@ class SingularBoxTest:
         # the arc runs along p, |p| <= p_radius, within a tube about its tangent
         half_length = np.abs(np.matvec(equations.x_slopes, proof.along)) * p_radius  # (S, n)
         x_radii = half_length + equations.x_errors + np.matvec(np.abs(equations.x_slopes), proof.spread)
-        x_radii *= ROUND_UP
+        x_radii *= ROUND_UP  # (S, n) in robot lengths and rad
         is_arc = proof.proved & ~remaining.empty
         is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         middles = boxes.sub_boxes(proof.lower, proof.upper).middle

@@ -67,9 +67,10 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
 
 @cache
 def _function_forms() -> Array:
-    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y), by polarisation.
+    """Return the 17 functions, times |x|^2, as quadratic forms (17, 8, 8) of z = (x, y).
 
-    A quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with unit vectors e.
+    By polarisation a quadratic form f has the symmetric matrix (f(e_i + e_j) - f(e_i) - f(e_j)) / 2, with
+    unit vectors e.
     """
     units = np.eye(8)
     sums = np.array([[_scaled_functions(a + b) for b in units] for a in units])  # (8, 8, 17)
@@ -150,7 +151,7 @@ class Displacements:
         z, direction = complex_normal(rng, (2, self.size))  # (N,) each
         for S in self.fixed:  # z + t direction is on the quadric at the roots t
             t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
-            z = z + t[0] * direction
+            z = z + t[0] * direction  # either root will do
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
@@ -168,7 +169,7 @@ class Displacements:
         """
         rng = np.random.default_rng(0)
         quadrics = self.quadrics(coefficients)
-        first = self.members[0]  # f_1
+        first = self.members[0]  # matrix (N, N) of f_1
         for _ in range(2):
             z = self.random_point(rng)
             gradients = quadrics @ z  # (K + F, N) half the gradients of f_k and of the fixed quadric
@@ -213,7 +214,7 @@ class Displacements:
         rows[:, square] = 0.0
         rows[k] = pivot
 
-        # the error of a quotient c / m: that of c over m, and that of m times the quotient over m
+        # the error of a quotient c / m is at most (error of c + error of m * |c / m|) / (|m| - error of m)
         divisor = np.maximum(np.abs(multiples[k]) - errors[k], LEAST_DIVISOR)
         pivot_errors = errors[k] * (1.0 + np.abs(pivot)) / divisor
         # the errors of a condition, of its multiple, and of the pivot that is subtracted
@@ -223,7 +224,10 @@ class Displacements:
         return rows, errors
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
-        """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
+        """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N).
+
+        The coordinates of the dual quaternions that z lacks are 0.
+        """
         quaternions = np.zeros((len(z), 8))
         quaternions[:, self.coordinates] = z
         return displacements_of_quaternions(quaternions)
@@ -239,7 +243,7 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
     """
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)  # x . y = 0
-    fixed = study[np.ix_(np.arange(1), coordinates, coordinates)]
+    fixed = study[:, coordinates[:, None], coordinates]  # (1, N, N)
     fixed = fixed[fixed.any(axis=(1, 2))]  # none where all points of the group satisfy it
     members = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
     return Displacements(name, members, fixed, bound, chosen, coordinates)
@@ -248,14 +252,16 @@ def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: In
 @cache
 def spatial_displacements() -> Displacements:
     """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
-    return _displacement_group("displacements in space", 40, np.arange(17), np.arange(8))
+    return _displacement_group(
+        "displacements in space", bound=40, chosen=np.arange(17), coordinates=np.arange(8)
+    )
 
 
 @cache
 def spherical_displacements() -> Displacements:
     """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
-    return _displacement_group("turns about a point", 8, chosen, np.arange(4))
+    return _displacement_group("turns about a point", bound=8, chosen=chosen, coordinates=np.arange(4))
 
 
 @cache
@@ -269,7 +275,7 @@ def planar_displacements(axis: int) -> Displacements:
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]  # the other entries of R follow from these two
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
     coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
-    return _displacement_group("displacements in a plane", 6, chosen, coordinates)
+    return _displacement_group("displacements in a plane", bound=6, chosen=chosen, coordinates=coordinates)
 
 
 @cache
@@ -279,4 +285,6 @@ def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     The conditions are circles or spheres.
     """
     chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
-    return _displacement_group("translations", 2, chosen, np.array([_X_0, *_Y[list(axes)]]))
+    return _displacement_group(
+        "translations", bound=2, chosen=chosen, coordinates=np.array([_X_0, *_Y[list(axes)]])
+    )

@@ -5,6 +5,10 @@ are combined in every way that closes the loops, and each configuration is prove
 (Newton and Kantorovich). If a leg has at most four joints, at most one of them a slide, paving the joints
 proves that it has no other solutions (`leg_paving`). With this proof for all legs, all working modes are
 known.
+
+Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
+units `column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length;
+loop equations `loop_lengths` (units of the independent ones).
 """
 
 from __future__ import annotations
@@ -159,8 +163,9 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
     proof is that the leg has no solution at all. It is made only for a leg that depends on no other one, and
     only for a platform without attitude, because no mode shows where other legs and the attitude are.
     """
+    # columns of the velocity vector: of the leg's joints, and of the legs on which this leg depends
     columns = robot.moving[leg.columns]
-    previous = robot.moving[leg.needed]  # joints of the legs on which this leg depends
+    previous = robot.moving[leg.needed]
     fixed = np.ones(robot.model.nv, dtype=bool)  # joints that the proof keeps where they are
     fixed[robot.moving] = False
     fixed[previous] = True
@@ -190,7 +195,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     motors = robot.actuated_coordinates(q)
     units = np.concatenate([robot.platform_scale, robot.loop_lengths])  # of the equations
     is_closed = np.abs(linearised.residual / units).max(axis=1) < LOOP_GAP
-    within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)
+    within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)  # > 0 beyond a limit
     distances = np.abs(shortest_offset(robot, q)).sum(axis=1)  # (T,) [rad, m], only to sort the modes
     modes = []
     for k in np.lexsort([distances, ~within_limits]):  # the last key comes first

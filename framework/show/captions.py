@@ -148,7 +148,8 @@ def describe_proof(film: Film) -> str:
 
 def describe_flexibility(film: Film) -> str:
     """Say with which springs and which geometry a film was computed."""
-    plan, robot = film.plan, film.robot
+    plan = film.plan
+    robot = film.robot
     if not robot.n_e or plan is None:
         return "rigid parts"
     return f"{display_name(robot.flexibility)}, {plan.geometry} geometry"

@@ -1,6 +1,8 @@
 """Draw robots in matplotlib: one, `draw_robot(robot, q, ax)`, several side by side, and a frame of a film.
 
-A frame shows robot, path, singular locus, t_s, W_p and the motors' forces.
+A frame shows robot, path, singular locus, t_s, W_p and the motors' forces. `onto` projects points (..., 3)
+onto the paper, (..., 2), and k is the number of a frame. A node is the joint that carries a shape; its pose
+(7,) is the position and the quaternion.
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ def draw_robot(
         sight: the view; when None the one that shows most of the robot at its reference. `sight.onto`
             projects points onto the picture.
     """
-    ax = ensure_axes(ax, 3.0)
+    ax = ensure_axes(ax, height=3.0)
     q = configuration(robot, robot.reference if q is None else q)
     sight = robot_sight(robot) if sight is None else sight
     faces = project_faces(robot, q, sight)
@@ -103,7 +105,7 @@ def draw_scale_bar(ax: Axes, length: float) -> None:
 
 def project_faces(robot: ParallelRobot, q: Array, sight: Sight) -> list[Face]:
     """Project the faces of all solids at q (nq,) onto the paper, farthest first."""
-    poses = joint_poses(robot, q[None])[0]  # (joints, 7)
+    poses = joint_poses(robot, q[None])[0]  # (joints, 7) position and quaternion of each
     faces: list[Face] = []
     for shape in sight.shapes:
         faces += _project_shape(shape, poses[shape.node], sight.onto)
@@ -127,7 +129,7 @@ def _project_shape(shape: Shape, joint: Array, onto: Projection) -> list[Face]:
 
 
 def _project_triangles(node: int, corners: Array, color: Array, onto: Projection) -> list[Face]:
-    """Project and shade the triangles of a mesh by their corners (F, 3, 3)."""
+    """Project and shade the triangles of a mesh by their corners (F, 3, 3); `color` (4,) has the opacity."""
     first, second, third = corners.transpose(1, 0, 2)  # each (F, 3)
     normals = np.cross(second - first, third - first)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -158,7 +160,8 @@ def _project_outline(shape: Shape, joint: Array, onto: Projection) -> Array:
 def convex_hull(points: Array) -> Array:
     """Compute the convex hull of points (m, 2), counter-clockwise.
 
-    Andrew's monotone chain, which also takes points on one line.
+    The method is Andrew's monotone chain, which also takes points on one line. Points are sorted from left to
+    right; the chain to the right is the lower side of the hull, the chain back is the upper side.
     """
     ordered = sorted(points.tolist())
     return np.array(_chain_left_turns(ordered) + _chain_left_turns(ordered[::-1]))
@@ -176,7 +179,9 @@ def _chain_left_turns(points: list[list[float]]) -> list[list[float]]:
 
 def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
     """Return whether the path from a over b to c turns left at b."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0
+    first_x, first_y = b[0] - a[0], b[1] - a[1]
+    second_x, second_y = c[0] - a[0], c[1] - a[1]
+    return first_x * second_y - first_y * second_x > 0  # the cross product of both vectors from a
 
 
 COLUMNS = 5
@@ -191,7 +196,7 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
         InvalidInput: `kind` is not one of GALLERY_KINDS.
     """
     check_choice("kind of picture", kind, GALLERY_KINDS)
-    rows = -(-len(robots) // COLUMNS)
+    rows = -(-len(robots) // COLUMNS)  # rounded up
     with use_style():
         drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")
         cells = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
@@ -224,7 +229,8 @@ def plot_still(
         limit: torque limits (n_a,). With them and a platform that moves in a plane, the polygons of the
             forces that such motors can give are drawn to one scale: at `frame`, or when None along the path.
     """
-    robot, k = film.robot, film.key_frame if frame is None else frame
+    robot = film.robot
+    k = film.key_frame if frame is None else frame
     sight = film_sight(film)
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
@@ -245,40 +251,45 @@ def plot_still(
     ax.autoscale_view()
     if planar_normal(robot) is None:  # planar robots have axes instead
         draw_scale_bar(ax, robot.length)
-    legend_above(ax, 3, fontsize=6)
+    legend_above(ax, columns=3, fontsize=6)
     return ax
 
 
 def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw t_s and W_p at frame k.
+    """Draw t_s and W_p at frame k as arrows on the paper.
 
-    A platform that only turns has the axes of its rotation and its torque.
+    The arrows are the linear parts or, of a platform that only turns, the angular parts. t_s has one length
+    in all frames, and W_p has this length where it is largest.
     """
-    reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
+    reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))  # [m] the robot, or what is seen of it
     foot = onto(film.platform[k])
     part = slice(3) if len(film.robot.platform.sliding) else slice(3, 6)
-    twist, demands = film.twists[k, part], film.demands[:, part]
+    twist = film.twists[k, part]
+    demands = film.demands[:, part]  # W_p of all frames
     largest = np.linalg.norm(demands, axis=1).max()
     twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
     demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
     label = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
-    _draw_arrow(ax, foot, onto(twist), TWIST, True, label)
-    _draw_arrow(ax, foot, onto(demand), WRENCH, False, r"$\mathbf{W}_p$")
+    _draw_arrow(ax, foot, onto(twist), TWIST, label, both=True)
+    _draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
     _draw_turn(film, ax, k, onto)
 
 
 def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw the rotation of t_s at frame k as an arc about its axis."""
-    shift, turn = np.split(film.twists[k], 2)
-    rate, speed = float(np.linalg.norm(turn)), max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
-    arrow_time = ARROW_LENGTH * film.robot.length / speed
-    angle = min(rate * arrow_time, MAX_TURN)  # turned while the platform moves along its arrow
+    """Draw the rotation of t_s at frame k as an arc about its axis.
+
+    To both sides the arc covers the angle by which the platform turns while it moves along the arrow of t_s.
+    """
+    shift, turn = np.split(film.twists[k], 2)  # linear and angular part of t_s, (3,) each
+    speed = max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
+    arrow_time = ARROW_LENGTH * film.robot.length / speed  # in which t_s moves the platform by the arrow
+    angle = min(float(np.linalg.norm(turn)) * arrow_time, MAX_TURN)  # [rad]
     if angle < MIN_TURN:
         return
-    first, second = placement_with_z_along(np.zeros(3), turn)[:3, :2].T  # both across the axis
+    first, second = placement_with_z_along(np.zeros(3), turn)[:3, :2].T  # unit vectors across the axis
     phase = np.linspace(-angle, angle, 41)[:, None]
-    arc = np.cos(phase) * first + np.sin(phase) * second
-    line = onto(film.platform[k] - 0.2 * film.robot.length * arc)
+    arc = np.cos(phase) * first + np.sin(phase) * second  # (41, 3) on the unit circle about the axis
+    line = onto(film.platform[k] - 0.2 * film.robot.length * arc)  # radius: a fifth of the robot's length
     style: Style = {
         "arrowstyle": "<|-|>",
         "mutation_scale": 10,
@@ -310,11 +321,12 @@ def film_locus(film: Film) -> list[Array]:
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
 
-def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
+def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, label: str, *, both: bool) -> None:
     """Draw an arrow (2,) at a foot (2,), or to `both` sides; skip one too short to see."""
     if not np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):  # NaN without a twist
         return
-    tip, tail = foot + arrow, foot - arrow if both else foot
+    tip = foot + arrow
+    tail = foot - arrow if both else foot
     line: Style = {"color": color, "linewidth": 1.2}
     head = {"arrowstyle": "<|-|>" if both else "-|>", "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tuple(tip), tuple(tail), arrowprops=head | line, zorder=7)
@@ -322,11 +334,14 @@ def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, lab
     ax.plot([], [], label=label, **line)
 
 
-def _draw_force_polygons(film: Film, ax: Axes, line: Array, limit: Array, frame: int | None) -> None:
-    """Draw the polygons of motor forces on a line (F, 2), at one frame or several."""
-    vertices = film.motors.vertices(limit)  # (F, c, 2)
-    scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
+def _draw_force_polygons(film: Film, ax: Axes, path: Array, limit: Array, frame: int | None) -> None:
+    """Draw the polygons of motor forces on the path (F, 2) of the platform, at one frame or several.
+
+    A polygon is the hull of the forces of all c combinations of torques at plus or minus the `limit` (n_a,).
+    """
+    vertices = film.motors.vertices(limit)  # (F, c, 2) [N]
+    scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()  # [m/N]
     along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
     for k in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
-        corners = line[k] + scale * convex_hull(vertices[k])
+        corners = path[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=(GIVEN, 0.18), edgecolor=GIVEN, linewidth=0.8, zorder=3.5))

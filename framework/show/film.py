@@ -106,23 +106,28 @@ class Film:
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
     """Plan and film a motion, as unproved where the torques are unbounded.
 
+    Without a plan the film has raw samples of the law that planning has refused.
+
     Args:
         name: title of the picture, such as Scene C.
 
     Raises:
         As `plan_crossing`, except UnboundedTorque.
     """
-    path, wrenches = request.path, request.external_wrenches
+    path = request.path
+    wrenches = request.external_wrenches
     searched = search_path(robot, path).under(wrenches)
     try:
         return film_plan(plan_request(robot, request, searched=searched), name=name)
-    except UnboundedTorque as pole:
-        refusal = str(pole)
+    except UnboundedTorque as unbounded:
+        refusal = str(unbounded)
+
+    # sample the refused law; unbounded deflections would tear the loops, so springs are left out
     law, crossings = law_before_proof(searched, request)
-    if robot.n_e:  # unbounded deflections at the pole would tear the loops
-        rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
-        searched = search_path(rigid, path).under(wrenches)
     branch = searched.branch
+    if robot.n_e:
+        rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
+        branch = search_path(rigid, path).under(wrenches).branch
     raw = finite_difference_torques(branch.robot, path, law, samples=FILM_FRAMES, branch=branch)
     return _sample_film(
         branch.robot,
@@ -209,7 +214,7 @@ def cut_off_poles(torque: Array) -> float:
     """
     peaks = np.abs(torque).max(axis=1)  # (T,)
     peaks[np.isnan(peaks)] = np.inf
-    usual = float(np.quantile(peaks, 0.8))
+    usual = float(np.quantile(peaks, 0.8))  # a pole raises fewer than a fifth of the samples
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
@@ -219,7 +224,7 @@ def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
     They are those of the robot file. A motor without one gets 1.5 times the largest finite torque.
     """
     peak = np.abs(torque[np.isfinite(torque)]).max(initial=0.0)
-    limits = motor_limits(robot, "torque_limit", None)
+    limits = motor_limits(robot, "torque_limit", stated=None)
     return np.where(np.isfinite(limits), limits, 1.5 * peak or 1.0)
 
 

@@ -53,6 +53,7 @@ def hand_document(robot: ParallelRobot) -> Document:
     start = describe_jogged_pose(robot, reference.q)
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
+    # `wrench_kind` is "force along" or "torque about": the second word leads to t_s
     document: Document = plain(
         page_robot_document(robot, poses, robot_sight(robot))
         | {
@@ -84,11 +85,13 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
         InvalidInput: the movement lacks an entry, or has a wrong one.
     """
     try:
-        q, part = np.array(movement["q"], dtype=float), movement["part"]
+        q = np.array(movement["q"], dtype=float)
+        part = movement["part"]
         if part == "drag":
             place = np.array(movement["place"], dtype=float)
         else:
-            index, value = int(movement["index"]), float(movement["value"])
+            index = int(movement["index"])
+            value = float(movement["value"])
     except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
     if part == "drag":
@@ -133,14 +136,15 @@ def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return the motors' torques against a push along t_s, their forces, and lines of action.
 
     Torques exist off the singularity only, and for a platform that either shifts or turns: a push on one
-    that does both has no single unit.
+    that does both has no single unit. `sides` (n_a, 3) are the forces of motors with torques of 1 N m, and
+    `lines` (n_a, 2, 3) the lines of these forces: a point and the direction. What does not exist is None.
     """
     document: Document = dict.fromkeys(("torques", "sides", "lines"))
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return document
-    speeds = hold.motor_speed[None]
+    speeds = hold.motor_speed[None]  # (1, n_a, n) for unit twists: its rows are the motors' wrenches
     if pose.g is not None:
         has_one_unit = len(set(robot.platform.translations)) == 1
         if has_one_unit and pose.level != "singular" and hold.torque is not None:
@@ -196,7 +200,7 @@ def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:
             "motor": pose.motors,
             **select_fields(pose, "g", "smallest", "level", "kind", "verdict", "stopped"),
             "words": _describe_pose(pose),
-            "t_s": [twist[:3], twist[3:]],
+            "t_s": [twist[:3], twist[3:]],  # linear and angular part
             "wobble": _wobble_document(robot, pose),
         }
     )

@@ -86,7 +86,10 @@ def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sigh
 
 
 def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
-    """Fit Chebyshev series (N, k) in s to the functions that the page evaluates."""
+    """Fit Chebyshev series (N, k) in s to the functions that the page evaluates, by key.
+
+    N is the first of NODE_COUNTS with which all series are resolved.
+    """
     for count in NODE_COUNTS:
         samples = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
         series = {key: coefficients(values.reshape(count, -1)) for key, values in samples.items()}
@@ -96,8 +99,13 @@ def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 
 
 def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
-    """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
-    robot, samples = crossing.robots["off"], crossing.sample(s)
+    """Compute the functions that the page evaluates, at s (M,), by key, each (M, ...).
+
+    Poses are places and turns of the joints on the paper, onto which `onto` projects. Their rates by the
+    platform's coordinates come from poses STEP_ASIDE to both sides of the path (`q_aside`).
+    """
+    robot = crossing.robots["off"]  # gravity off, which changes no pose
+    samples = crossing.sample(s)
     rates = []  # of the poses along each axis of the platform, (M, k), by central differences
     for forward, back in samples.pop("q_aside"):
         change = _poses_on_paper(robot, forward, onto) - _poses_on_paper(robot, back, onto)
@@ -112,7 +120,8 @@ def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> d
 
 def _best_law_document(plan: CrossingPlan) -> Document:
     """Return the best law's peak, limit, and series of its squared speed in sigma."""
-    law, peak = plan.law, max(plan.peak_torque.values())
+    law = plan.law
+    peak = max(plan.peak_torque.values())
     assert isinstance(law, OptimalLaw)
     for count in LAW_NODE_COUNTS:
         series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
@@ -122,16 +131,17 @@ def _best_law_document(plan: CrossingPlan) -> Document:
 
 
 def _poses_on_paper(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
-    """Return place (2), cosine and sine of each moving joint, (M, 4 per joint)."""
+    """Return x, y, cosine and sine of moving joints on the paper at q (M, nq), (M, 4 * joints)."""
     columns = []
-    for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:  # (M, 7), without the base
+    for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:  # (M, 7) position, quaternion; not of the base
         columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]
     return np.concatenate(columns, axis=1)
 
 
 def _body_outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     """Return the outline (m, 2) of each body in its joint's frame, farthest first."""
-    robot, q = crossing.robots["off"], crossing.searched.branch.close(np.zeros(1)).q
+    robot = crossing.robots["off"]  # gravity off: the bodies are those with gravity
+    q = crossing.searched.branch.close(np.zeros(1)).q  # (1, nq) at the start of the path
     base = np.array([0.0, 0.0, 1.0, 0.0])  # at the origin, not turned
     poses = [base, *_poses_on_paper(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []

@@ -82,11 +82,14 @@ def quantity_colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Color
 
 
 def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = None) -> Axes:
-    """Plot one quantity of a map, with the singular locus and a path on top."""
+    """Plot one quantity of a map, with the singular locus and a path of the platform on top.
+
+    Without a path the reference is marked.
+    """
     quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
     ax = _make_axes(workspace, quantity)
     ax.set_facecolor(UNREACHED)
-    squares = []  # colours and labels for the legend
+    legend_entries = []  # colour and label of each shade
     for poses, colour, label in (
         (mask_not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
         (workspace.beyond_ranges, BEYOND, "beyond a limit"),
@@ -94,12 +97,13 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
         if poses.any():
             shade = np.ma.masked_where(~poses, poses)
             _draw_cells(workspace, shade, ax, cmap=ListedColormap([colour]))
-            squares.append((colour, f"{label}: {poses.sum()} poses"))
+            legend_entries.append((colour, f"{label}: {poses.sum()} poses"))
     _draw_values(workspace, quantity, ax)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
     _draw_path(workspace, path, ax, halo)
-    for colour, label in squares:
+    # cells have no entry in the legend: a marker without points stands for each shade
+    for colour, label in legend_entries:
         ax.plot([], [], "s", color=colour, label=label)
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
     ax.figure.legend(loc="outside lower left", ncols=2)
@@ -118,7 +122,9 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     values = workspace.values[quantity.key]
     mesh = _draw_cells(workspace, np.ma.masked_invalid(values), ax, cmap=palette, norm=norm)
     finite = values[np.isfinite(values)]
-    below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
+    # the scale gets an arrow at each end beyond which there are values
+    below = finite.min(initial=np.inf) < norm.vmin
+    above = finite.max(initial=-np.inf) > norm.vmax
     extend = ("both" if above else "min") if below else ("max" if above else "neither")
     width = 0.04 * max(1.0, ax.get_box_aspect() or 1.0)  # over the width of the window
     bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
@@ -127,8 +133,12 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
-    """Draw the curves of the locus, and crosses where g changes sign without a curve."""
-    locus, style = workspace.locus, Style(color=LOCUS, linewidth=1.4, path_effects=halo)
+    """Draw the curves of the locus, and crosses where g changes sign without a curve.
+
+    The `halo` is a white edge that sets curves off the colours of the map.
+    """
+    locus = workspace.locus
+    style = Style(color=LOCUS, linewidth=1.4, path_effects=halo)
     draw_curves(ax, [curve.x for curve in locus.curves], "singular locus (Type 2)", **style)
     if len(locus.unexplained):
         ax.plot(*locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
@@ -172,7 +182,8 @@ def is_to_scale(workspace: WorkspaceMap) -> bool:
 
 def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
     """Make labelled axes for the window, titled by the quantity and the robot."""
-    robot, axes = workspace.robot, workspace.window.axes
+    robot = workspace.robot
+    axes = workspace.window.axes
     wide, high = workspace.window.upper - workspace.window.lower
     shape = high / wide if is_to_scale(workspace) else 0.8
     width = WINDOW_EDGE / max(1.0, shape)  # [in]
@@ -191,7 +202,8 @@ def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
 
 def map_title(workspace: WorkspaceMap) -> str:
     """Return the title: robot, working mode, and the constant coordinates."""
-    robot, window = workspace.robot, workspace.window
+    robot = workspace.robot
+    window = workspace.window
     flexible = "" if robot.flexibility == "rigid" else f", {display_name(robot.flexibility)}"
     coordinates = []
     coordinate = "{}\u00a0=\u00a0{:.4g}\u00a0{}"  # no line is broken inside
@@ -245,15 +257,17 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
 
 def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     """Return the data of the map's page: quantities, reasons, curves and legend."""
-    robot, window, unexplained = workspace.robot, workspace.window, workspace.locus.unexplained
-    curves = [_curve_document(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
+    robot = workspace.robot
+    window = workspace.window
+    unexplained = workspace.locus.unexplained  # points at which g changes its sign without a curve
+    curves = [_curve_document(curve.x, LOCUS, width=2.0, dash=[]) for curve in workspace.locus.curves]
     legend = [("singular locus (Type 2)", LOCUS, False)] if curves else []  # text, colour, whether an area
     if len(unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     mark = robot.reference.x[list(window.axes)]
     if path is not None:
         line, projected = path_on_map(workspace, path)
-        curves.append(_curve_document(line, PATH, 2.5, [7, 4]))
+        curves.append(_curve_document(line, PATH, width=2.5, dash=[7, 4]))
         legend.append((f"path, from the dot on{projected}", PATH, False))
         mark = line[0]
     if workspace.load is not None:
@@ -334,7 +348,7 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
     axes = list(locus.axes)
-    ax = ensure_axes(ax, 3.2)
+    ax = ensure_axes(ax, height=3.2)
     draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
     if plan is None:
         ax.plot(*reference.x[axes], "+", color=CROSSING, markersize=6, label="reference")
@@ -356,7 +370,7 @@ def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = Non
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
     free = [robot.actuator_names.index(name) for name in locus.free]
-    ax = ensure_axes(None, 3.2)
+    ax = ensure_axes(None, height=3.2)
     curves = [curve.motors[:, free] for curve in locus.curves if curve.kind == "type_2"]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4)
     cusps = [cusp.motors[free] for cusp in locus.cusps]
@@ -377,7 +391,7 @@ def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
 def _label_axes(ax: Axes, labels: list[str]) -> Axes:
     """Label both axes, and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    legend_above(ax, 2)
+    legend_above(ax, columns=2)
     return ax
 
 

@@ -1,4 +1,7 @@
-"""Films as files for slides and READMEs: a picture (PNG, SVG, PDF), or an animated GIF or PNG."""
+"""Films as files for slides and READMEs: a picture (PNG, SVG, PDF), or an animated GIF or PNG.
+
+A film has F frames.
+"""
 
 from __future__ import annotations
 
@@ -164,7 +167,7 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
     largest = 1.1 * max(film_limit(film, films).max() for film in films)
     marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
-        marks.append(_robot_mark(film, above, None))
+        marks.append(_robot_mark(film, above, limit=None))
         torques = np.clip(film.torque, -9 * largest, 9 * largest)  # far off the scale, but finite
         torques[film.time > _end_time(film)] = np.nan
         for k, torque in enumerate(torques.T):
@@ -178,7 +181,7 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
 
 
 def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
-    """Return the mark that draws the robot at an instant."""
+    """Return the mark that draws the robot at an instant, with the forces of motors within `limit` (n_a,)."""
     end = _end_time(film)
 
     def draw(t: float) -> None:
@@ -215,9 +218,10 @@ def _film_to_draw(films: Sequence[Film]) -> Film:
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Return the mark of a dot on a film's curve in the eye."""
-    s, demand = film.law(film.time), film.motors.force_along(twist)
-    color, _, mark, _ = THREADS if film.proved else MISSES
+    """Return the mark of a dot on a film's curve in the eye: its force along `twist` (n,) over s."""
+    s = film.law(film.time)  # (F,)
+    demand = film.motors.force_along(twist)  # (F,)
+    color, _dash, mark, _verdict = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
     curve = np.column_stack([s, demand])[:, None]  # (F, 1, 2)
     return _Mark(dot, _end_time(film), lambda t: dot.set_data(curve[film.frame_at(t)].T))

@@ -4,6 +4,8 @@ One of them is the eye of the needle, `plot_eyes`: the force along t_s that the 
 that a motion needs. At the singular instant the band of forces that the motors can give closes to a point,
 whatever their limits. A motion passes only through this point, t_s . W = 0: condition (8) of Briot and
 Arakelian, 2010.
+
+A film has F frames. `ax` and `axes` are those to draw on; None makes new ones.
 """
 
 from __future__ import annotations
@@ -58,13 +60,14 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
     """Plot s(t) and its first two derivatives on three axes."""
     axes = new_figure(3, height=1.25) if axes is None else list(axes)
     times = _sample_times(plan)
+    # by the names that the values have in a crossing
     labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
     for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
         ax.set_ylabel(label)
         _mark_crossings(plan, ax)
         for crossing in plan.crossings:
-            draw_dot(ax, crossing.time, getattr(crossing, key), 3)
+            draw_dot(ax, crossing.time, getattr(crossing, key), size=3)
     _label_time(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
@@ -81,7 +84,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the speed of each motor over time, motor side, with its limits."""
     ax, times = ensure_axes(ax), _sample_times(plan)
-    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, 1), "speed", plan.robot.speed_units)
+    _draw_motors(ax, plan.robot, times, plan.motor_angle(times, order=1), "speed", plan.robot.speed_units)
     return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).speed_limit)
 
 
@@ -136,7 +139,8 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
 
 def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     """Magnify in a corner the shift of the first crossing by the deflections."""
-    crossing, loaded = plan.crossings[0], plan.loaded_points[0]
+    crossing = plan.crossings[0]
+    loaded = plan.loaded_points[0]  # the singular point with forces and springs counted, if found
     at_rest = min((point.s for point in searched.points), key=lambda s: abs(s - crossing.s))
     shift = abs(crossing.s - at_rest)
     if shift < SAME_PLACE:  # the deflections do not visibly move the locus
@@ -198,6 +202,7 @@ def plot_phase_plane(
     """
     axes = new_figure(2, height=1.9) if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
+    # s, s' and s" of each plan
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
     _draw_phase_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
@@ -212,12 +217,15 @@ def plot_phase_plane(
     upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
     lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
     lower.set_xlabel("path coordinate  $s$")
-    legend_above(upper, 2)
+    legend_above(upper, columns=2)
     return axes
 
 
 def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
-    """Draw the ranges of s' and s" within the motors' limits."""
+    """Draw the ranges of s' and s" within the motors' limits.
+
+    `tops` are the ends of the two axes, which also cut off infinite limits; `unit` is that of the torques.
+    """
     upper, lower = axes
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
@@ -242,7 +250,7 @@ def plot_raw_torques(
         top = cut_off_poles(raw.torque)
         ax.set_ylim(-top, top)
     for pole in poles:
-        draw_dashed(ax, pole, ALARM, 0.8)
+        draw_dashed(ax, pole, ALARM, linewidth=0.8)
         ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
@@ -251,7 +259,8 @@ def plot_raw_torques(
 def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
     """Return functions that draw the figures of a plan and its film, by name.
 
-    Plans with crossings also have the eye; optimal laws also have the phase plane.
+    Plans with crossings also have the eye; optimal laws also have the phase plane. Each function returns one
+    of its axes, which stands for the whole figure.
     """
     drawings: dict[str, Callable[[], Axes]] = {
         "robot": lambda: plot_still(film),
@@ -261,6 +270,7 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
         "wrench": lambda: plot_wrench(plan),
     }
     if plan.crossings:
+        # motors without a torque limit get one for this picture
         drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
@@ -285,11 +295,11 @@ def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> 
 def _draw_motors(
     ax: Axes, robot: ParallelRobot, time: Array, values: Array, quantity: str, units: Sequence[str]
 ) -> None:
-    """Draw values (T, n_a) of the motors over time, labelled."""
+    """Draw values (T, n_a) of the motors over time, labelled, with the units of the motors."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
-    legend_above(ax, 3)
+    legend_above(ax, columns=3)
 
 
 def _sample_times(plan: CrossingPlan) -> Array:
@@ -336,13 +346,14 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     first = films[0]
     ax = ensure_axes(ax)
     twist = twist_at_singularity(films)
-    s, s_singular = first.law(first.time), first.instants[0].s
+    s = first.law(first.time)  # (F,)
+    s_singular = first.instants[0].s
     reach = first.motors.reach(twist, limit)
     motors = describe_motors(first.robot, limit, peak_torque(films))
     ax.fill_between(s, -reach, reach, **BAND, label=f"what {motors} can give")
     low, high = np.clip([s_singular - SHOWN_PATH_SHARE, s_singular + SHOWN_PATH_SHARE], 0.0, 1.0)
     top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
-    draw_dashed(ax, s_singular, LOCUS, 0.8)
+    draw_dashed(ax, s_singular, LOCUS, linewidth=0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
     kind, unit = ("force along", "N") if np.any(twist[first.robot.translations]) else ("torque about", "N m")
     ax.set(xlabel="position on the path  $s$  (dashed: singular)")
@@ -352,8 +363,9 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
 
 
 def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
-    """Draw the force along t_s that a film needs; return its peak within `s_range`."""
-    s, demand = film.law(film.time), film.motors.force_along(twist)  # (F,)
+    """Draw the force along t_s = `twist` (n,) that a film needs over s; return its peak within `s_range`."""
+    s = film.law(film.time)  # (F,)
+    demand = film.motors.force_along(twist)  # (F,)
     s_singular = film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"

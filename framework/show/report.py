@@ -143,7 +143,8 @@ def _certificate_html(plan: CrossingPlan) -> str:
 
 def _parameters_html(plan: CrossingPlan) -> str:
     """Return the table of robot, path, options, motors and springs."""
-    robot, description = plan.robot, plan.robot.description
+    robot = plan.robot
+    description = plan.robot.description
     options = given_options(plan)
     options.pop("wrenches", None)  # the facts of the motion have them
     requested = [f"{key} {_format_value(value)}" for key, value in options.items()]
@@ -190,7 +191,8 @@ def _reproduction_html(plan: CrossingPlan) -> str:
 
 def _figures_html(plan: CrossingPlan, film: Film) -> str:
     """Return the figures with their captions."""
-    figures, drawings = [], plan_drawings(plan, film)
+    figures = []
+    drawings = plan_drawings(plan, film)
     for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
         with use_style():
             drawing = figure_file(drawings[name]().figure, "svg")

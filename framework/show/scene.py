@@ -2,6 +2,9 @@
 
 Arrays are base64 of little-endian float32, row after row; on a robot of a metre they are exact to a tenth of
 a micrometre. The page (framework/show/page) draws this document and computes nothing about robots.
+
+A film has F frames of a robot with n_a motors. The pose (7,) of a joint is its position and quaternion; a
+node is the joint that carries a shape, 0 the base.
 """
 
 from __future__ import annotations
@@ -75,10 +78,12 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
 
     All `films` of the robot share sight, torque limits and scale, and the curves in `traced`.
     """
-    robot, time = film.robot, film.time
+    robot = film.robot
+    time = film.time
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
-    limit, peak = film_limit(film, films), peak_torque(films_with_motors_of(film, films))
+    limit = film_limit(film, films)  # (n_a,) [N m]
+    peak = peak_torque(films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
     W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
@@ -177,11 +182,15 @@ def _shape_document(shape: Shape) -> Document:
 
 
 def _spring_document(film: Film, size: float) -> Document | None:
-    """Return the coils of the springs, and the factors that magnify their deflections."""
+    """Return the coils of the springs, and the factors that magnify their deflections.
+
+    `size` [m] is that of the picture.
+    """
     robot = film.robot
     if not robot.n_e:
         return None
-    slides, length = robot.sliding[robot.elastic], COIL_LENGTH * size
+    slides = robot.sliding[robot.elastic]  # (n_e,)
+    length = COIL_LENGTH * size  # [m] of a coil
     coils = []
     for k, name in enumerate(robot.elastic_names):
         node, place, axis = joint_axis(robot, int(robot.elastic[k]))
@@ -190,8 +199,8 @@ def _spring_document(film: Film, size: float) -> Document | None:
     return {
         "coils": coils,
         "factors": {
-            "slide": _magnification(film.deflection[:, slides], 0.35 * length),
-            "turn": _magnification(film.deflection[:, ~slides], 0.35),  # [rad]
+            "slide": _magnification(film.deflection[:, slides], largest_drawn=0.35 * length),
+            "turn": _magnification(film.deflection[:, ~slides], largest_drawn=0.35),  # [rad]
         },
         "length": length,
         "deflection": encode_floats(film.deflection),
@@ -199,7 +208,10 @@ def _spring_document(film: Film, size: float) -> Document | None:
 
 
 def _magnification(deflection: Array, largest_drawn: float) -> float:
-    """Return the factor, 1, 2 or 5 times a power of ten, that draws deflections (F, k)."""
+    """Return the factor, 1, 2 or 5 times a power of ten, that draws deflections (F, k).
+
+    The largest deflection is drawn as `largest_drawn` or a little less.
+    """
     largest = np.abs(deflection).max(initial=0.0)
     if largest == 0.0:
         return 1.0
@@ -260,13 +272,14 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
     """
     assert isinstance(robot.platform, FramePlatform)
     vectors = np.zeros((*wrenches.shape[:-1], 3))
-    vectors[..., robot.platform.axes % 3] = wrenches
+    vectors[..., robot.platform.axes % 3] = wrenches  # of the axes 0..5 the last three are turns
     return vectors
 
 
 def why_no_figure(robot: ParallelRobot) -> str:
     """Return why the motors' forces are not drawn as one figure; empty if drawn."""
-    platform, kinds = robot.platform, len(set(robot.translations))
+    platform = robot.platform
+    kinds = len(set(robot.translations))
     if robot.n == 1:
         return ""
     if not isinstance(platform, FramePlatform) or not platform.constant:
@@ -287,7 +300,10 @@ def _action_line_document(film: Film) -> Document | None:
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:
-    """Return the locus near the film's closest approach; None without a measure."""
+    """Return the locus near the film's closest approach; None without a measure.
+
+    It is a patch of a surface about the singular point, if there is one in space, or else curves.
+    """
     if not film.has_measure:
         return None
     nearest = film.key_frame if film.instants else int(np.argmin(np.abs(film.g)))
@@ -295,7 +311,7 @@ def _locus_document(film: Film, traced: Traced) -> Document | None:
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
     if film.robot.platform.is_point:
-        curves = _trace_once(film, 0, film.x, traced)
+        curves = _trace_once(film, frame=0, x=film.x, traced=traced)
     else:  # the locus also depends on the platform's other coordinates, which are those of one frame
         curves = _trace_once(film, nearest, film.x[[nearest]], traced)
     return encode_locus(film.robot, curves, film.platform)
@@ -328,7 +344,7 @@ def locus_lines(
     for curve in curves.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)  # (M, 3): other coordinates as in the first frame
         line[:, robot.platform.along] = curve
-        offsets = line[:, None] - platform[::20]  # (M, F / 20, 3)
+        offsets = line[:, None] - platform[::20]  # (M, F / 20, 3); every 20th frame is dense enough
         is_near = np.linalg.norm(offsets, axis=2).min(axis=1) < beside * robot.length
         is_near |= is_near.mean() > 0.5  # a curve that is mostly near is drawn whole
         ends = np.flatnonzero(np.diff(is_near)) + 1
@@ -359,7 +375,7 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
 
 
 def _view_document(points: Array, sight: Sight) -> Document:
-    """Return the view: centre and radius of the picture, direction to the eye."""
+    """Return the view: centre and radius of a picture of points (m, 3), direction to the eye."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     return {

@@ -1,6 +1,9 @@
 """The solids of a robot in a picture: the visuals of its URDF, sticks for bodies without one, and motors.
 
 A motor is a drum on a turning joint or around a leg that stretches, and a block on a rail.
+
+A node is the joint that carries a shape, 0 the base. A joint's axis has the joint, a `place` (3,) on the line
+and the direction `axis` (3,).
 """
 
 from __future__ import annotations
@@ -29,7 +32,10 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 
 
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Thin a mesh: merge the vertices in each cell of a grid into their mean."""
+    """Thin a mesh: merge the vertices (m, 3) in each cell of a grid into their mean; return vertices, faces.
+
+    Faces (F, 3) are indices of the vertices. Those that have lost a corner are left out.
+    """
     low = vertices.min(axis=0)
     edge = max(np.linalg.norm(np.ptp(vertices, axis=0)) / 40, 1e-12)  # 40 cells along the diagonal
     cells = np.floor((vertices - low) / edge).astype(np.int64)
@@ -48,6 +54,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
     else:
         _, middle, longest = np.sort(2 * shape.half_edges / spacing)  # edges, in spacings
+        # two points for each square of the grid on six faces, all as large as the largest
         count = int(min(MAX_SURFACE_POINTS, 12 * (longest + 1) * (middle + 1)))
         # a spiral of golden angles on the unit sphere
         height = (2 * np.arange(count) + 1) / count - 1
@@ -64,7 +71,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
 
 
 def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
-    """Return cylinders between joints and spheres at joints for nodes without visuals."""
+    """Return cylinders between joints and spheres at joints for nodes that are not in `with_visuals`."""
     model = robot.model
     radius = 0.012 * robot.length
     shapes = []
@@ -88,13 +95,13 @@ def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
 
 
 def placement_with_z_along(place: Array, axis: Array) -> Array:
-    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
-    third = axis / np.linalg.norm(axis)
-    aside = np.eye(3)[np.argmin(np.abs(third))]
-    first = np.cross(aside, third)
-    first /= np.linalg.norm(first)
+    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,), x and y anywhere across z."""
+    z = axis / np.linalg.norm(axis)
+    base_axis = np.eye(3)[np.argmin(np.abs(z))]  # least parallel to z, so that x is not zero
+    x = np.cross(base_axis, z)
+    x /= np.linalg.norm(x)
     placement = np.eye(4)
-    placement[:3] = np.stack([first, np.cross(third, first), third, place], axis=1)
+    placement[:3] = np.stack([x, np.cross(z, x), z, place], axis=1)
     return placement
 
 
@@ -113,8 +120,9 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
         distances = [np.linalg.norm(axis.place - other.place) for other in axes if other is not axis]
         is_shared = min(distances, default=size) < 0.01 * size  # other motors are at the same place
         if not robot.sliding[column]:
+            # motors at one place would hide each other: each is drawn about a cylinder of its own body
             motors.append(_drum_motor(axis, bodies if is_shared else [], size))
-        elif axis.joint:
+        elif axis.joint:  # the rail is a leg; 0 is the base
             motors.append(_drum_about_leg(axis, bodies, size))
         else:
             motors.append(_block_motor(carried_axis(robot, int(column)), size))
@@ -134,7 +142,10 @@ def _block_motor(axis: JointAxis, size: float) -> Shape:
 
 
 def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum around a leg that stretches, wider than the leg's tube."""
+    """Return the drum around a leg that stretches, wider than the leg's tube.
+
+    `shapes` are those of the leg, and `size` [m] is that of the robot in the picture.
+    """
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
@@ -144,13 +155,16 @@ def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
 def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     """Return the drum of a motor that turns a joint.
 
-    The drum is around the farthest cylinder on the joint's axis, or else at the joint.
+    The drum is around the farthest of the cylinders among `shapes` on the joint's axis, or else at the joint.
+    `size` [m] is that of the robot in the picture.
     """
-    farthest, radius = 0.0, MOTOR_RADIUS * size
+    farthest = 0.0  # [m] along the axis, from the joint
+    radius = MOTOR_RADIUS * size
     for shape in shapes:
         offset = shape.placement[:3, 3] - axis.place
         along = float(offset @ axis.axis)
         aside = np.linalg.norm(offset - along * axis.axis)
         if shape.kind == "cylinder" and aside < 0.05 * size and abs(along) > abs(farthest):
-            farthest, radius = along, 1.15 * shape.size[0]
+            farthest = along
+            radius = 1.15 * shape.size[0]  # a little more than that of the cylinder
     return _motor_shape(axis, "cylinder", (radius, 1.3 * radius), axis.place + farthest * axis.axis)

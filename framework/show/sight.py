@@ -3,6 +3,9 @@
 A planar robot is seen along its normal, from one side or the other. Other robots are seen from all around,
 from eye level to halfway up. The visible area of a body is the number of cells of the picture in which this
 body is nearest to the eye.
+
+A node is the joint that carries a shape, 0 the base. A projection takes points (..., 3) onto the paper, (...,
+2).
 """
 
 from __future__ import annotations
@@ -78,8 +81,10 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjec
 @lru_cache(maxsize=16)
 def film_sight(film: Film) -> Sight:
     """Choose the view of a motion at its first singular instant, or else halfway."""
-    robot, k = film.robot, film.key_frame
-    arrow, normal = np.zeros(3), None
+    robot = film.robot
+    k = film.key_frame
+    arrow = np.zeros(3)
+    normal = None  # to the locus
     if film.instants:
         shift, turn = np.split(film.twists[k], 2)
         arrow = shift if len(robot.platform.sliding) else turn
@@ -94,7 +99,7 @@ def film_sight(film: Film) -> Sight:
 def project_along(toward: Array) -> Projection:
     """Return the projection for an eye in direction (3,) from the robot.
 
-    z points up on the paper; in a view along z, y does.
+    z points up on the paper; in a view along z, or less than about 45 degrees off, y does.
     """
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
@@ -114,11 +119,18 @@ def _best_direction(
 ) -> Array:
     """Choose the direction (3,) to the eye that shows most of the robot.
 
-    The score is the visible share of the bodies, less up to 0.3 of it away from the usual direction. For a
-    spatial robot it is multiplied by the shares of arrow and path that lie across the line of sight, and by
-    how much the surface faces the eye.
+    The score of a direction is the visible share of the bodies, reduced by up to 30 % with the angle from the
+    usual direction. For a spatial robot it is multiplied by the share of the wanted arrow that lies across
+    the line of sight, by the root of this share of the path, and by the root of the cosine between the eye
+    and the normal of the wanted surface. Roots count less: the arrow matters most.
+
+    Args:
+        points, nodes: points (m, 3) on the bodies, in cells of the picture, and the node (m,) of each.
+        normal: (3,) to the plane of a planar robot; None in space.
+        wanted: other objects to show; None without any.
     """
     directions, usual = _candidate_directions(normal)
+    # (k, nodes) visible cells of each body in each of k directions
     areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
     angles = np.arccos(np.clip(directions @ usual, -1.0, 1.0))
     scores = _score_visibility(areas) * (1.0 - 0.3 * (angles / np.pi))
@@ -131,7 +143,10 @@ def _best_direction(
 
 
 def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
-    """Return the candidate directions (k, 3), and the usual one (3,)."""
+    """Return the candidate directions (k, 3) to the eye, and the usual one (3,).
+
+    With a `normal` (3,) to the plane of a planar robot, they are both sides of the plane.
+    """
     if normal is not None:
         usual = normal * (np.sign(normal @ USUAL_NORMAL) or 1.0)
         return np.stack([usual, -usual]), usual
@@ -142,7 +157,7 @@ def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
 
 
 def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) on all solids, in cells, and the node (m,) of each."""
+    """Return points (m, 3) on all solids at q (nq,), in units of a cell, and their nodes (m,)."""
     poses = joint_poses(robot, q[None])[0]
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
     # 40 cells along the largest extent
@@ -153,7 +168,10 @@ def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tup
 
 
 def _count_visible_cells(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
-    """Count the cells (nodes,) in which each node's body is nearest to the eye."""
+    """Count the cells (nodes,) in which each node's body is nearest to the eye.
+
+    `points` (m, 3) on the bodies are in units of a cell, with the node (m,) of each.
+    """
     cells = np.floor(onto(points)).astype(np.int64)  # (m, 2)
     order = np.lexsort((points @ onto.ahead, cells[:, 1], cells[:, 0]))  # by cell, then nearest first
     _, first = np.unique(cells[order], axis=0, return_index=True)
@@ -180,9 +198,9 @@ def _score_visibility(areas: IntArray) -> Array:
 def _fraction_across(arrows: Array, directions: Array) -> Array:
     """Return the share (k,) of the length of arrows (m, 3) across each line of sight.
 
-    1 for arrows without length.
+    The lines of sight have the unit `directions` (k, 3). The share is 1 for arrows without length.
     """
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T  # (k, m)
-    seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)
+    seen = np.sqrt(np.maximum(length**2 - along**2, 0.0)).sum(axis=1)
     return seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions))

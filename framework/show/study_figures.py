@@ -33,7 +33,8 @@ PALETTE = "cividis"
 def plot_study(study: DesignStudy) -> Axes:
     """Plot areas, and ranges of quantities, over each parameter of a study.
 
-    A design has the same colour in all cells. A design that makes no robot is a cross at the bottom.
+    A design has the same colour in all cells. A design that makes no robot is a cross at the bottom. The axes
+    returned stand for the whole figure.
     """
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
@@ -77,7 +78,10 @@ def _mark_refused(ax: Axes, parameters: Array) -> None:
 
 
 def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """Draw the values of one quantity over one parameter (designs,)."""
+    """Draw the values of the quantity `key` over one parameter, at its values `places` (designs,).
+
+    Marks are areas or, with lines from the least to the largest value, medians. `norm` scales the colours.
+    """
     middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
         least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
@@ -112,7 +116,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
     axes[-1].set_xlabel("path coordinate  $s$")
-    legend_above(axes[0], 2)
+    legend_above(axes[0], columns=2)
     return axes[0]
 
 
@@ -138,7 +142,7 @@ def plot_robustness(
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label="tolerance")
     limits = np.unique(loop.limit or ())
     for limit in limits[limits < 2.0 * torques.get_xlim()[1]]:
-        draw_dashed(torques, limit, ALARM, 0.8)
+        draw_dashed(torques, limit, ALARM, linewidth=0.8)
     torques.set_xlabel("peak motor torque  [N m]  (dashed: limits)")
     legend_above(errors)
     return errors

@@ -28,6 +28,9 @@ instead of 528 for a Delta robot with s = 16.
 Sources: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI;
 Benzi, Golub and Liesen 2005, "Numerical solution of saddle point problems", Acta Numerica 14, DOI
 10.1017/S0962492904000212, section 6.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations
@@ -232,7 +235,8 @@ class StepEquations:
         Without balls the rate is v. With balls the rate depends on the offset, which is the integral of the
         rate. So it is computed by fixed-point iteration from a `guess`, or from v if the guess is zero.
         """
-        robot, q0 = self.equations.robot, self.start.q
+        robot = self.equations.robot
+        q0 = self.start.q
         if not robot.has_balls:
             return v
         rate = guess if guess.any() else v
@@ -316,7 +320,7 @@ class StepEquations:
     def _unresolved_part(self, offset_rate: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        The coefficient is that of the tangent offset. It is extrapolated from the coefficients of the
+        The coefficient is that of the tangent offset. It is extrapolated from those of the
         `offset_rate` (s, nv): from the largest of the last pair, by its ratio to the largest of the previous
         pair. Pairs are compared because every other coefficient of an even or odd motion vanishes.
         """
@@ -380,8 +384,9 @@ class NewtonMatrix:
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Compute the Newton step of q, accelerations and multipliers.
 
-        The change of q is dq = -Q R'^-1 residual + Z z. The balance of forces along Z determines z. The
-        multipliers balance the remaining forces, which are orthogonal to Z.
+        The change of q is dq = -Q R'^-1 residual + Z z: the first part closes the loops, and the balance of
+        forces along the null space Z determines z. The multipliers balance the remaining forces, which are
+        orthogonal to Z.
 
         Args:
             force: residual of the balance of forces, (s, nv).

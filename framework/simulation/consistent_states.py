@@ -18,6 +18,9 @@ move mass,
 The component of a along Z_0 depends on the rates of the torques and stays undetermined. It does not affect
 M a. Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a
 stack.
+
+Attributes of a robot: units `column_scale` (nv,) of joints, 1 rad or the robot's length; loop equations
+`rows` (all), `loop_lengths` (units of the independent ones), `row_lengths` (units of all).
 """
 
 from __future__ import annotations
@@ -61,7 +64,7 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     m = tangent.jacobian.shape[1]  # number of independent loop equations
     scale = robot.column_scale[:, None]  # (nv, 1)
 
-    # null space of the loops, in joint rates divided by their scale
+    # null space of the loops, in joint rates divided by their scale; `rotation` marks rows without a length
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
     U, values, V_rows = np.linalg.svd(J)
     Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
@@ -104,7 +107,8 @@ def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array,
         Joint rates (nv, d) of d motions that move mass; joint rates (nv, k) of k motions without mass.
     """
     allowed = allowed_motions(equations, tangent)
-    basis, light = allowed.basis[0], allowed.light[0]
+    basis = allowed.basis[0]
+    light = allowed.light[0]
     return basis[:, ~light], basis[:, light]
 
 
@@ -125,13 +129,14 @@ def consistent_state(
         NotAssembled: the loops do not close from q.
         NotConverged: the springs of massless parts find no balance.
     """
-    robot, scale = equations.robot, equations.robot.column_scale
+    robot = equations.robot
+    scale = equations.robot.column_scale
     driven = equations.motor_forces(torque[None])[0]
     size = np.inf
     for _ in range(MAX_ITERATIONS):
         tangent = equations.tangent_at_rest(q)
         _, light = free_motions(equations, tangent)
-        # the least step that closes the loops, measured in radians and robot lengths
+        # the least step that closes the loops, measured in radians and robot lengths; `tangent` has T = 1
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:
@@ -173,7 +178,7 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     and keeps its initial value: the step is zero.
 
     Args:
-        tangent: terms at one configuration at rest.
+        tangent: terms at one configuration at rest (T = 1).
         unbalanced: residual (nv,) of the balance of forces without the loop forces.
 
     Raises:
@@ -222,16 +227,19 @@ def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> In
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
     """Project a velocity v (nv,) onto the velocities that the loops allow, (nv,).
 
-    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0. `tangent` has the
-    terms of one configuration.
+    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0. Both are solved
+    with joint rates over their units and with the dimensionless J, so that one tolerance decides which
+    singular values are zero. `tangent` has the terms of one configuration (T = 1).
     """
-    rows = len(equations.rows.names)
+    rows = len(equations.rows.names)  # m independent loop equations
     if not rows:
         return v
-    scale = equations.robot.column_scale
-    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]  # (m, nv)
+    scale = equations.robot.column_scale  # (nv,) units of the joints: 1 rad or the robot's length
+    # J (m, nv) of the configuration; `rotation` marks the rows that have no length to be divided by
+    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
-    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)  # brings M to the size of J
+    # M is divided by its largest entry, to have the size of J; this scales the impulse alone
+    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
     # least squares, as massless motions make the matrix singular

@@ -108,7 +108,7 @@ class WorldForces:
         return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
 
 
-NO_FORCES = WorldForces(ExternalWrenches(), None)
+NO_FORCES = WorldForces(ExternalWrenches(), path_coordinate=None)
 
 
 # ------------------------------------------------------------------ motor torques
@@ -282,7 +282,8 @@ def _drive_by_plan(
     edges = np.empty(0)
     torques = getattr(motion, "torques", None)
     if isinstance(torques, TimeFunction):
-        frictionless, edges = torques, torques.edges
+        frictionless = torques
+        edges = torques.edges
     all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
     return Drive(
         robot, lambda t, q, v: frictionless(t), feedback=False, breaks=tuple(all_breaks), world=world

@@ -10,6 +10,9 @@
 
 The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
 Pinocchio is called once for each state; all other computations treat the whole stack.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); loop equations `loops`
+(independent); `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations
@@ -99,7 +102,7 @@ class EquationsOfMotion:
 
         No force acts on such a joint, so any inertia makes its equation solvable and changes nothing else.
         """
-        idle = self.robot.structure.idle
+        idle = self.robot.structure.idle  # columns of the velocity vector
         if not len(idle):
             return self
         inertias = np.diag(self.tangent_at_rest(self.robot.q_near).mass[0])  # (nv,)
@@ -123,14 +126,15 @@ class EquationsOfMotion:
         Returns:
             The left side with its derivatives by q, v and a, and the loop equations.
         """
-        model, scratch = self.robot.model, scratch_of(self.robot)
+        model = self.robot.model
+        scratch = scratch_of(self.robot)
         data = scratch.data
         T, nv = v.shape
         force = np.empty((T, nv))
         by_q, by_v, mass = np.empty((3, T, nv, nv))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
+            """Fill row k of force, by_q, by_v and mass with the terms of the tree; return the model."""
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             force[k] = data.tau
             by_q[k] = data.dtau_dq
@@ -138,6 +142,7 @@ class EquationsOfMotion:
             mass[k] = data.M
             return model
 
+        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
         frames = collect_frames(scratch, q, compute)
         # rotors, springs and dampers act on single joints, so their matrices are diagonal
         diagonal = range(nv)
@@ -159,7 +164,8 @@ class EquationsOfMotion:
 
         Heights are above the base. Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
         """
-        model, data = self.robot.model, scratch_of(self.robot).data
+        model = self.robot.model
+        data = scratch_of(self.robot).data
         tree = [pin.computeMechanicalEnergy(model, data, *state) for state in zip(q, v, strict=True)]
         rotors = 0.5 * (v**2 @ self.robot.rotors)
         deflection = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest  # (T, nv)

@@ -15,6 +15,9 @@ independently. Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and spa
 dynamic equations", Robotics: Science and Systems. The coefficients and the error estimate of the Runge-Kutta
 method are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, Springer 1993, section II.5.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
+joints, 1 rad or the robot's length; loop equations `rows` (all).
 """
 
 from __future__ import annotations
@@ -107,7 +110,7 @@ class Integration(NamedTuple):
 
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by Radau IIA steps of variable length; see `collocate`."""
+    """Integrate a task by Radau IIA steps of variable length; see `collocate`."""
     robot = task.equations.robot
     # events are evaluated at twice as many instants as a step has nodes
     record = RunRecord(task, event_samples=2 * settings.stages)
@@ -124,7 +127,8 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
         steps.append(step)
         power = step.power - step.v**2 @ task.equations.damping  # [W] at the s nodes
         weights = step.length * step.table.integration[-1]  # (s,) of the integral to the last node, the end
-        work, exchange = float(weights @ power), float(weights @ np.abs(power))
+        work = float(weights @ power)
+        exchange = float(weights @ np.abs(power))
         if record.add_step(Polynomials(robot, (step,)), work, exchange):
             break
     unresolved = max(step.unresolved for step in steps)
@@ -133,7 +137,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
 
 
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by steps of one length under the torque in their middle; see `Stepper`."""
+    """Integrate a task by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
     count = _count_steps(task.duration, settings.step)
     if count < 2:  # the error is estimated from second differences
@@ -171,7 +175,8 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
     the work of constant forces along the step.
     """
-    drive, robot = task.drive, task.equations.robot
+    drive = task.drive
+    robot = task.equations.robot
     stepper = Stepper.from_equations(task.equations)
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
@@ -194,7 +199,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
 
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by explicit steps of order 8, all of about the same length; see `explicit_steps`."""
+    """Integrate a task by explicit steps of order 8, of about one length; see `explicit_steps`."""
     edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(dynamics, task.drive, task.start, edges)
@@ -303,7 +308,8 @@ class ContactDynamics:
                 with several degrees of freedom.
         """
         _check_contact_robot(equations)
-        robot, rows = equations.robot, equations.robot.rows
+        robot = equations.robot
+        rows = equations.robot.rows
         model = robot.model.copy()
         model.armature[:] += equations.rotors
 

@@ -15,6 +15,9 @@ forces, no condition at a crossing and no prescribed deflections. A fault in a s
 wrong alike. Therefore the tests compare every robot with equations of motion that share only the tree and
 the keys of the robot file (`tests/oracles`: equations_of_motion.py at instants, forward_simulation.py by
 integration).
+
+Attributes of a robot: mask of lengths `translations` (n,); loop equations `rows` (all), `row_lengths` (units
+of all).
 """
 
 from __future__ import annotations
@@ -138,18 +141,22 @@ def simulation_result(
 ) -> Simulation:
     """Return the result of a run, with states at equidistant instants and errors.
 
+    A terminal event ends the result within a step. Errors of loops and energy include the end of this step,
+    although it is later.
+
     Args:
         method: name of the method, of `METHODS`.
         planned: the planned motion with which the run is compared, if any.
         samples: number of equidistant instants; fixed steps are reported at their ends instead.
         seconds: computing time [s].
     """
-    robot, trajectory = equations.robot, run.trajectory
-    edges = trajectory.edges
+    robot = equations.robot
+    trajectory = run.trajectory
+    edges = trajectory.edges  # (steps + 1,) [s] instants at which steps begin and end
     occurrences = tuple(run.record.occurred)
     end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
 
-    if isinstance(trajectory, Cubics):  # fixed steps
+    if isinstance(trajectory, Cubics):  # the interpolant of methods with fixed steps
         times = np.append(edges[edges < end], end)
     else:
         times = np.linspace(edges[0], end, samples)
@@ -239,7 +246,7 @@ def _path_errors(
         The largest distance [m] of the platform from its plan, or the largest angle [rad] if it only turns;
         the largest angle [rad] if it both moves and turns, else None.
     """
-    x = planned.platform(np.minimum(times, planned.duration))  # (T, n)
+    x = planned.platform(np.minimum(times, planned.duration))  # (T, n); rounding may exceed the duration
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
     masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each
     errors = [float(np.linalg.norm(offset[:, mask], axis=1).max()) for mask in masks]

@@ -70,6 +70,7 @@ def collocate(
     for time, end in pairwise(drive.edges(duration)):
         previous = None  # the last step, from which the next one is guessed
         while time < end:
+            # take the first length with which the step is solved; none is left in the end (`else`)
             for candidate, leniency in _step_lengths(length, usual, end - time, SAME_PLACE * duration):
                 step_equations = StepEquations(equations, drive, table, time, candidate, start)
                 try:
@@ -97,8 +98,9 @@ def _step_lengths(
 ) -> Iterator[tuple[float, float]]:
     """Yield the lengths [s] to try in turn for a step, each with its factor on the tolerance.
 
-    The length is halved from try to try. Where steps become far shorter than usual, longer ones that may
-    bridge a singularity are tried once.
+    The length is halved from try to try. Where steps become shorter than usual by the factor
+    BRIDGED_SHORTENING, longer ones that may bridge a singularity are tried once. Each length is adapted by
+    `_divide_evenly`, so that no tiny step is left over at the end.
 
     Args:
         length: the first length [s].
@@ -106,7 +108,7 @@ def _step_lengths(
         remaining: time to go until the torque may jump [s].
         shortest: length below which no step is tried [s].
     """
-    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]  # emptied once they are tried
+    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]  # [s]; emptied once tried
     yield _divide_evenly(length, remaining), 1.0
     while (length := length / 2) >= shortest:
         if length < usual / BRIDGED_SHORTENING:

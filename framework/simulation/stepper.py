@@ -18,6 +18,9 @@ Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352
 Arrays have a row for each of R runs. Each run may have its own robot (another payload, other lengths, other
 springs) if joints and loops are the same. All schemes take the generalised forces `driven`
 (R, nv) of motors and world, which are constant over the step.
+
+Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); loop
+equations `loops` (independent).
 """
 
 from __future__ import annotations
@@ -125,7 +128,7 @@ class Stepper:
     @staticmethod
     def from_equations(equations: EquationsOfMotion) -> Stepper:
         """Make a stepper of one robot, with the damping of its equations of motion."""
-        return Stepper((equations,), _choose_scheme(equations, None))
+        return Stepper((equations,), _choose_scheme(equations, scheme=None))
 
     @property
     def robot(self) -> ParallelRobot:
@@ -183,6 +186,7 @@ class Stepper:
         rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
         torques = np.broadcast_to(torque, (*leading, robot.n_a))
         runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
+        # run k is that of robot k, or of the only robot
         states = [
             consistent_state(self.equations[k % len(self.equations)], *run, world)
             for k, run in enumerate(runs)
@@ -325,9 +329,12 @@ class Stepper:
     # ------------------------------------------------------------------ terms
 
     def _models(self, runs: int) -> list[pin.Model]:
-        """Return the pinocchio model of each of R runs."""
+        """Return the pinocchio model of each of R runs.
+
+        A stepper of several robots has one run for each; a stepper of one robot has any number of runs.
+        """
         models = [equations.robot.model for equations in self.equations]
-        return models if len(models) > 1 else models * runs  # one robot may have any number of runs
+        return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
@@ -339,11 +346,12 @@ class Stepper:
         twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
-            """Fill row k of the arrays with the terms of the tree; return the model, which has the frames."""
+            """Fill row k of mass, bias and twists with the terms of the tree; return the model."""
             mass[k] = pin.crba(models[k], scratch.data, q[k])
             bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]
 
+        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
         frames = collect_frames(scratch, q, compute)
         mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors

@@ -177,6 +177,7 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
     from scipy.optimize import brentq
 
     def value(t: float) -> float:
+        """Evaluate the event's function at t [s]."""
         q, v = trajectory(np.array([t]))
         return _event_value(event, t, q[0], v[0])
 
