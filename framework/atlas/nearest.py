@@ -15,11 +15,6 @@ bounds differ if a Type 1 pose limits the ball, or if the proof reaches its larg
 The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
 search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled
 once per robot, on random walks from the reference, and searches start from the samples nearest to the target.
-
-Attributes of a robot: units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
-concatenates stacks.
 """
 
 from __future__ import annotations

@@ -4,9 +4,6 @@ In the space of the motors, between the two arms of the locus that meet at a cus
 the same motors. Two of them lie on the same side of the locus and are connected around the cusp (McAree and
 Daniel 1999; Zein, Wenger and Chablat 2008). The motors start between the arms and run once around a circle in
 the plane of the two free motors. Forward kinematics follows the pose and stops at any Type 2 singularity.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
 """The quantities of a map: their names, their units, and the functions that compute them at many poses.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); masks of lengths `sliding`
-(nv,) and `translations` (n,).
 """
 
 from __future__ import annotations

@@ -2,9 +2,6 @@
 
 A window is a grid over two of the platform's coordinates; the others are constant. Coarse poses are reached
 from the reference.
-
-Attributes of a robot: units `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of
-lengths `translations` (n,).
 """
 
 from __future__ import annotations

@@ -2,10 +2,6 @@
 
 `Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`.
 `run_closed_loop` drives the robots, ends diverged runs and decides which runs pass.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length; loop equations `loops`
-(independent).
 """
 
 from __future__ import annotations

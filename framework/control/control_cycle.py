@@ -12,10 +12,6 @@ loops with the passive joints, P dq_p = -residual. With the joint accelerations 
 where T' eliminates the loop forces, and damping and joint springs are added to RNEA. A step is accepted by
 the criteria of `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors in short
 steps, or reports the singularity at which the assembly mode ends.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `following` (passive but not
-idle ones); units `column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the
-robot's length; loop equations `rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations

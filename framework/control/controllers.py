@@ -23,10 +23,6 @@ crossing, and corrects them only in directions in which P is regular. Away from 
 are equal. After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2
 singularity crossing, Control Engineering Practice 39, 2015, who switch to a model that stays consistent near
 the singularity.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `following` (passive but not
-idle ones), `moving` (motor joints, then passive but not idle ones); units `column_scale` (nv,) of joints and
-`platform_scale` (n,) of the platform, 1 rad or the robot's length; loop equations `loops` (independent).
 """
 
 from __future__ import annotations

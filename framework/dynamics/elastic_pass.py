@@ -1,9 +1,6 @@
 """One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these.
 
 q_e are the deflections of the springs, x the platform coordinates on the path, s(t) the law.
-
-Attributes of a robot: indices in the velocity vector `elastic` (springs); units `column_scale` (nv,) of
-joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -17,10 +17,6 @@ To first order and at constant lambda, a change of the motion changes the right 
 
 lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
 dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs), `moving`
-(motor joints, then passive but not idle ones); units `platform_scale` (n,) of the platform, 1 rad or the
-robot's length; loop equations `loops` (independent); `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations

@@ -13,9 +13,6 @@ motion, and their changes at fixed lambda, are
 
 `driven_force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the
 inertia, which is regular at a Type 2 singularity.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
-`column_scale` (nv,) of joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -13,10 +13,6 @@ are indeterminate in a rigid robot. They are NaN, since any number would be an a
 
 The wrench in a joint is the inertial wrench of all bodies that the joint carries, less the external wrenches
 and the loop wrenches on these bodies. All are summed about the base's origin.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `moving` (motor joints, then
-passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's length; loop equations
-`rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations

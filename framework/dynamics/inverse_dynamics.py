@@ -5,9 +5,6 @@ control the platform's twist t_s, along which the motion requires the force t_s 
 quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
 smooth, and no node lies at the singular instant, so the series interpolate the quotient without special
 treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coefficients that do not decay.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
-`column_scale` (nv,) of joints, 1 rad or the robot's length; `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations

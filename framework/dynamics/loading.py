@@ -8,9 +8,6 @@ A step is accepted if the correction is small, if the gain of the share agrees w
 and if the tangent stiffness stays positive definite. So the equilibrium reached is connected with the
 unloaded configuration without a jump. Where the share turns back (a fold: snap-through) the turning point is
 solved for directly. A bifurcation (buckling) is bracketed by halving the steps.
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `assign`
-overwrites rows.
 """
 
 from __future__ import annotations

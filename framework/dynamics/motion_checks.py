@@ -14,10 +14,6 @@ X is the platform's Jacobian and w the platform wrench missing for balance; [X; 
 Beside a singularity that the path misses, torques may rise like 1/|g|, in a peak as wide as the stretch of
 the path on which |g| doubles. Nodes that are farther apart do not resolve this peak, however small the tail
 of the series. So the torques are computed again where |g| is least and where it has doubled.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs), `moving`
-(motor joints, then passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's
-length; mask of lengths `sliding` (nv,); loop equations `rows` (all), `row_lengths` (units of all).
 """
 
 from __future__ import annotations

@@ -25,9 +25,6 @@ coordinates are joints, as the pitch and roll of an ankle, the set of U has the 
 torques. They depend on the pose and on one another, while a file that describes the tree alone has
 independent limits. Assumptions: all parts are rigid, springs keep their deflections, there are no contacts,
 and motors reach their torque limit at every speed.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `platform_scale` (n,)
-of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -24,10 +24,6 @@ The motor torques t solve G' t = T' (r + rotors), and their changes solve
 The right side needs the change of the forces (`forces.driven_force_changes`) along the change of the joints'
 motion (`coordinate_changes`). G' is singular at Type 2. With redundant motors the part of t that drives
 bodies is the solution of least norm, t = G k with k (n,), and dt = dG k + G dk.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths `translations`
-(n,).
 """
 
 from __future__ import annotations

@@ -18,10 +18,6 @@ may hold or buckle.
 
 Sources: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; for the
 elimination by a null space Z, Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12.
-
-Attributes of a robot: indices in the velocity vector `elastic` (springs); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths `translations`
-(n,); `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations

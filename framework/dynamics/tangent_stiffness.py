@@ -6,10 +6,6 @@ balance is dV/dq - w . dx/dq = lambda . dc/dq. The tangent stiffness along motio
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
 Second derivatives are exact: they are the changes of the joint forces of lambda and w along the motions.
-
-Attributes of a robot: indices in the velocity vector `elastic` (springs), `following` (passive but not idle
-ones); units `column_scale` (nv,) of joints, 1 rad or the robot's length; mask of lengths `translations` (n,);
-loop equations `loops` (independent), `loop_lengths` (units of the independent ones).
 """
 
 from __future__ import annotations

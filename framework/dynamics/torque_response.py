@@ -12,8 +12,6 @@ scalar of the law changes too (see `restoration`). Condition (8) of the loaded r
 does not change.
 
 Torques are those of `balancing_forces`, regular at Type 2 as long as F = 0.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs).
 """
 
 from __future__ import annotations

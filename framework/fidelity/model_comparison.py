@@ -5,9 +5,6 @@ ends with the motion, or when the platform is lost: too far from the motion to c
 
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); units
-`column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

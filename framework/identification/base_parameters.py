@@ -11,9 +11,6 @@ Type 2 singularities too, and holds with redundant motors.
 Each moving body has ten parameters (m, m c, I about the origin of its joint), on the axes of its link. Each
 motor has three: the rotor inertia on the motor side of the gear, and viscous and dry friction on the joint
 side. The robot file has these parameters too, those of the bodies split among their links.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

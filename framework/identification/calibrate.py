@@ -3,9 +3,6 @@
 A damped Gauss-Newton method solves for all poses and parameters together. The robot file's values are a
 prior, and Huber's weights reduce the influence of outliers. Parameter directions that the data do not
 determine keep the file's values, and are reported.
-
-Attributes of a model: indices in the velocity vector `actuated` (motor joints), `elastic` (the parameters, as
-virtual joints), `joints` (all others); units `column_scale` (nv,) of joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

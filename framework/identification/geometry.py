@@ -10,10 +10,6 @@ plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = cl
 free_motions z with any z (`_LinearLoops`). Least squares on the measurements determines z, and the remaining
 equations contain only the parameters p. These equations are regular at Type 2 singularities, and treat the
 noise of motors like that of the platform.
-
-Attributes of a model: indices in the velocity vector `actuated` (motor joints), `elastic` (the parameters, as
-virtual joints), `joints` (all others); units `column_scale` (nv,) of joints and `platform_scale` (n,) of the
-platform, 1 rad or the robot's length; `row_lengths` are the units of all loop equations.
 """
 
 from __future__ import annotations

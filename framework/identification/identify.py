@@ -11,9 +11,6 @@ the file's values. The pseudo-inertia of every body must be positive semidefinit
 IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be
 negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides its
 parameters among the links.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -5,9 +5,6 @@ forwards and backwards (scipy). Derivatives are those of splines of degree 5 thr
 (scipy). The instants used are half a period of the cutoff frequency apart, so that their noise is nearly
 independent, and away from the ends of the recording. The signs of the motors' speeds, on which dry friction
 depends, pass the same filter as the torques, so that they correspond.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints, 1 rad or the robot's length; mask of lengths `sliding` (nv,).
 """
 
 from __future__ import annotations

@@ -2,10 +2,6 @@
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
 for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `passive` (joints without
-motor or spring); units `platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths
-`sliding` (nv,).
 """
 
 from __future__ import annotations

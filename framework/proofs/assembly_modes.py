@@ -22,11 +22,6 @@ architecturally singular   the conditions depend on one another in every pose: n
 If the legs give too few conditions, Newton's method searches closed poses from many starts, and Krawczyk's
 test proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that there
 are no other poses; otherwise the number found is a lower bound.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `passive` (joints without
-motor or spring), `following` (passive but not idle ones); units `column_scale` (nv,) of joints and
-`platform_scale` (n,) of the platform, 1 rad or the robot's length; mask of lengths `translations` (n,); loop
-equations `rows` (all).
 """
 
 from __future__ import annotations

@@ -3,9 +3,6 @@
 The test is a function from a stack of boxes to `Examined`. The queue of boxes and their cutting are the same
 for all tests and stand here. Three modules bring a test: `leg_paving` (a leg has no other solutions),
 `singular_paving` (all singular poses) and `regular_ball` (no singular pose).
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
-concatenates stacks.
 """
 
 from __future__ import annotations

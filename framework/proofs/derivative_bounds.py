@@ -15,10 +15,6 @@ All quantities are in radians and robot lengths, as in `linearised_loops`. A clo
 translations is written on the axes of the base. At closed loops these equations are equivalent, and no second
 derivative mixes joints of its two chains. Pinocchio's results at the middle of a box are trusted up to
 `DerivativeBounds.rounding`.
-
-Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
-units `column_scale` (nv,) of joints, 1 rad or the robot's length; mask of lengths `sliding` (nv,); loop
-equations `loops` (independent).
 """
 
 from __future__ import annotations

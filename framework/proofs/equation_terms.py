@@ -3,10 +3,6 @@
 A term is a product of vectors that turn with the joints: an axis of one frame, and an axis or the origin of
 another. Its chain is the joints that move the second frame relative to the first. `derivative_bounds`
 collects the terms once for each robot, `leg_paving` those of one leg.
-
-Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
-masks of lengths `sliding` (nv,) and `translations` (n,); loop equations `loops` (independent), `rows` (all);
-`neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations

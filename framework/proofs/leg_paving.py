@@ -5,11 +5,6 @@ position and attitude; `derivative_bounds` encloses them.
 
 A known solution is the only one in some box about it (`unique_radii`). All other boxes are narrowed and
 halved until none of them can hold a solution, or one is too small to be halved.
-
-Attributes of a robot: mask of lengths `sliding` (nv,); loop equations `rows` (all); `neutral` (nq,), all
-joints at zero.
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
 """The passive joints at a pose of the platform or with locked motors, and the proof that a solution exists.
 
 Newton's method closes the loops, redundant equations included, from many starts at once.
-
-Attributes of a robot: indices in the velocity vector `passive` (joints without motor or spring), `following`
-(passive but not idle ones); units `column_scale` (nv,) of joints, 1 rad or the robot's length; mask of
-lengths `sliding` (nv,); loop equations `loops` (independent), `rows` (all).
 """
 
 from __future__ import annotations

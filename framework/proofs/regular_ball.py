@@ -17,12 +17,6 @@ at the middle,
 
 has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
 R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
-
-Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
-units `platform_scale` (n,) of the platform, 1 rad or the robot's length.
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
-concatenates stacks, `assign` overwrites rows.
 """
 
 from __future__ import annotations

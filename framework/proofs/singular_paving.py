@@ -13,13 +13,6 @@ tube about this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
-
-Attributes of a robot: indices in the velocity vector `following` (passive but not idle ones), `moving` (motor
-joints, then passive but not idle ones); units `platform_scale` (n,) of the platform, 1 rad or the robot's
-length; masks of lengths `sliding` (nv,) and `translations` (n,); loop equations `loops` (independent).
-
-Stacks are named tuples of arrays with a row for each item: `select` takes rows of all arrays, `join`
-concatenates stacks.
 """
 
 from __future__ import annotations

@@ -5,10 +5,6 @@ are combined in every way that closes the loops, and each configuration is prove
 (Newton and Kantorovich). If a leg has at most four joints, at most one of them a slide, paving the joints
 proves that it has no other solutions (`leg_paving`). With this proof for all legs, all working modes are
 known.
-
-Attributes of a robot: indices in the velocity vector `moving` (motor joints, then passive but not idle ones);
-units `column_scale` (nv,) of joints and `platform_scale` (n,) of the platform, 1 rad or the robot's length;
-loop equations `loop_lengths` (units of the independent ones).
 """
 
 from __future__ import annotations

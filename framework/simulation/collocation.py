@@ -28,9 +28,6 @@ instead of 528 for a Delta robot with s = 16.
 Sources: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI;
 Benzi, Golub and Liesen 2005, "Numerical solution of saddle point problems", Acta Numerica 14, DOI
 10.1017/S0962492904000212, section 6.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints, 1 rad or the robot's length.
 """
 
 from __future__ import annotations

@@ -18,9 +18,6 @@ move mass,
 The component of a along Z_0 depends on the rates of the torques and stays undetermined. It does not affect
 M a. Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a
 stack.
-
-Attributes of a robot: units `column_scale` (nv,) of joints, 1 rad or the robot's length; loop equations
-`rows` (all), `loop_lengths` (units of the independent ones), `row_lengths` (units of all).
 """
 
 from __future__ import annotations

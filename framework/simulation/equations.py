@@ -10,9 +10,6 @@
 
 The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
 Pinocchio is called once for each state; all other computations treat the whole stack.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); loop equations `loops`
-(independent); `neutral` (nq,), all joints at zero.
 """
 
 from __future__ import annotations

@@ -15,9 +15,6 @@ independently. Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and spa
 dynamic equations", Robotics: Science and Systems. The coefficients and the error estimate of the Runge-Kutta
 method are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, Springer 1993, section II.5.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints); units `column_scale` (nv,) of
-joints, 1 rad or the robot's length; loop equations `rows` (all).
 """
 
 from __future__ import annotations

@@ -15,9 +15,6 @@ forces, no condition at a crossing and no prescribed deflections. A fault in a s
 wrong alike. Therefore the tests compare every robot with equations of motion that share only the tree and
 the keys of the robot file (`tests/oracles`: equations_of_motion.py at instants, forward_simulation.py by
 integration).
-
-Attributes of a robot: mask of lengths `translations` (n,); loop equations `rows` (all), `row_lengths` (units
-of all).
 """
 
 from __future__ import annotations

@@ -18,9 +18,6 @@ Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352
 Arrays have a row for each of R runs. Each run may have its own robot (another payload, other lengths, other
 springs) if joints and loops are the same. All schemes take the generalised forces `driven`
 (R, nv) of motors and world, which are constant over the step.
-
-Attributes of a robot: indices in the velocity vector `actuated` (motor joints), `elastic` (springs); loop
-equations `loops` (independent).
 """
 
 from __future__ import annotations
