@@ -214,11 +214,11 @@ def _curve_tangents(H: Array, slope_by_share: Array, null_space: Array) -> tuple
         null_space: (T, f, d) orthonormal steps Z that keep the loops closed.
     """
     values, vectors = np.linalg.eigh(H)  # (T, d) ascending, (T, d, d)
-    rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
+    rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True, initial=0.0)
     divisors = np.where(np.abs(values) > rounding, values, rounding)
     components = matvec(vectors.swapaxes(1, 2), slope_by_share) / divisors
     z_rate = -matvec(vectors, components)  # dz/dshare
-    return matvec(null_space, z_rate), values[:, 0] > rounding[:, 0]
+    return matvec(null_space, z_rate), (values > rounding).all(axis=1)
 
 
 def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _StepEnds:

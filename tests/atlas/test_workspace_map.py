@@ -17,6 +17,7 @@ from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
+from framework.model.description import JointDynamics
 from framework.numerics.kept import KeptChunks
 from framework.show.map import NOT_TRACED, map_page, plot_map
 from framework.singularity.traced_locus import TracedLocus
@@ -251,6 +252,16 @@ def test_where_a_load_is_not_carried_a_map_says_so_everywhere(tmp_path):
     assert no_load.load is None
     with pytest.raises(InvalidInput, match="wrench: affects only holding, loaded_stiffness"):
         workspace_map(robot, at, ["stiffness"], wrench=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("quantity", ["stiffness", "loaded_stiffness", "loaded_frequency"])
+def test_a_platform_that_springs_leave_rigid_has_no_stiffness_anywhere(quantity):
+    """The motors of the 5R hold all joints, so its elbow's spring gives way to nothing."""
+    joints = {"left_elbow": JointDynamics(stiffness=2.0)}
+    robot = ParallelRobot.from_description(replace(robots.load("five_bar").description, joints=joints))
+    found = workspace_map(robot, window(robot, 3, (-0.02, 0.3), (0.02, 0.36)), [quantity])
+    assert found.reached.all()
+    assert np.isnan(found.values[quantity]).all()
 
 
 def test_a_robot_of_one_freedom_has_no_map():
