@@ -1,5 +1,4 @@
-"""The quantities of a map: their names, their units, and the functions that compute them at many poses.
-"""
+"""The quantities of a map: their names, their units, and the functions that compute them at many poses."""
 
 from __future__ import annotations
 
