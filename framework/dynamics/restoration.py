@@ -170,7 +170,8 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
     if solved.misfit > MAX_UNRESOLVED_MISFIT:
         raise _no_balance(equations, f"springs {stiffer:g} times as stiff do not either", np.inf)
     while stiffer > 1.0 and softening > MIN_SOFTENING:
-        following = _solve_softer(equations, solved, max(stiffer / softening, 1.0))
+        softening = min(softening, stiffer)  # the last step ends at the robot's own springs
+        following = _solve_softer(equations, solved, stiffer / softening)
         if following is None:
             softening = np.sqrt(softening)
         else:
