@@ -24,7 +24,7 @@ from framework.cli.parser import (
 )
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.kinematics.mistaken_units import remarks_on_bodies
+from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
 from framework.numerics.output import Document, json_text, select_fields, write_csv

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from random import Random
 from typing import Any, NamedTuple
@@ -17,7 +18,6 @@ from framework.kinematics.closures import (
 )
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, FILE_ROUNDING, RANK_ROUNDING, REFERENCE_MOVE
@@ -200,6 +200,17 @@ def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) ->
     """Return the error for a `reason`, with the pose of `closing` and a remark on angles in degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
+
+
+def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
+    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
+    turns = []
+    columns = velocity_columns(mechanism.model, positions)
+    for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
+        count = abs(angle) / (2.0 * np.pi)
+        if count > 1.0 and not sliding:
+            turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
+    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:

@@ -18,6 +18,7 @@ from framework.errors import (
     Type1Singularity,
     UncontrolledMotions,
     finite_numbers,
+    point,
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
@@ -47,7 +48,6 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
     type1_matrix,
 )
-from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -345,6 +345,39 @@ def _branch_end_error(
         s=s,
         platform=x,
         joint=joint,
+    )
+
+
+def _longest_reach(robot: ParallelRobot) -> float:
+    """Compute the summed length [m] of the links from base to platform.
+
+    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
+    floating joint, makes the length practically infinite.
+    """
+    model = robot.model
+    frame = model.frames[model.getFrameId(robot.description.platform.frame)]
+    reach = float(np.linalg.norm(frame.placement.translation))
+    for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
+        joint = model.joints[k]
+        reach += float(np.linalg.norm(model.jointPlacements[k].translation))
+        if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
+            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            reach += float(np.abs(ends).max())
+    return reach
+
+
+def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
+    """Return a remark on a platform out of reach of the links; empty if within reach.
+
+    `position` has the prescribed translations of the platform's origin [m].
+    """
+    distance, reach = float(np.linalg.norm(position)), _longest_reach(robot)
+    if distance <= reach:
+        return ""
+    return (
+        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
+        f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
+        f"{reach:.3g} m"
     )
 
 

@@ -1,15 +1,13 @@
-"""Remarks on values that seem to be in another unit: points in mm, angles in degrees, sizes, masses."""
+"""Remarks on bodies whose sizes, masses or inertias seem to be in another unit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import point
-from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.numerics.arrays import Array
+from framework.kinematics.mechanism import Mechanism
 
 # Beyond these values the unit of a part is doubted.
 LIGHT_PART_RATIO = 1e-6  # mass of a part divided by that of the heaviest part
@@ -17,50 +15,6 @@ HEAVY_PART = 1e5  # [kg]
 SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] length of the longest link
 GYRATION_RATIO = 5.0  # radius of gyration divided by the size of a part; at most 2.4 in the catalogue
 SMALL_PART_RATIO = 0.2  # least size assumed for a part, as share of the longest link: it may lack frames
-
-
-def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
-    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
-    turns = []
-    columns = velocity_columns(mechanism.model, positions)
-    for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
-        count = abs(angle) / (2.0 * np.pi)
-        if count > 1.0 and not sliding:
-            turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
-    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
-
-
-def longest_reach(robot: Mechanism) -> float:
-    """Compute the summed length [m] of the links from base to platform.
-
-    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
-    floating joint, makes the length practically infinite.
-    """
-    model = robot.model
-    frame = model.frames[model.getFrameId(robot.description.platform.frame)]
-    reach = float(np.linalg.norm(frame.placement.translation))
-    for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
-        joint = model.joints[k]
-        reach += float(np.linalg.norm(model.jointPlacements[k].translation))
-        if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
-            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-            reach += float(np.abs(ends).max())
-    return reach
-
-
-def remark_on_reach(robot: Mechanism, position: Array) -> str:
-    """Return a remark on a platform out of reach of the links; empty if within reach.
-
-    `position` has the prescribed translations of the platform's origin [m].
-    """
-    distance, reach = float(np.linalg.norm(position)), longest_reach(robot)
-    if distance <= reach:
-        return ""
-    return (
-        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
-        f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
-        f"{reach:.3g} m"
-    )
 
 
 def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
