@@ -36,8 +36,8 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Clock, OnParameter, OptimalLaw
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
 from framework.numerics.ordered_sums import matvec
+from framework.numerics.splines import BandedFactor, banded_rows, column_sizes
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
     LawChoice,
+    Pass,
     assess_deflections,
     solve_deflections,
 )

@@ -24,8 +24,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elastic_pass import spring_scale
-from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.elasticity import DeflectionSolution, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants

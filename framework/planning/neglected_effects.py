@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.elasticity import Pass, evaluate_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.motor_friction import speed_signs

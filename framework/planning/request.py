@@ -22,7 +22,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.numerics.peaks import peak_sizes
+from framework.numerics.chebyshev import peak_sizes
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
 MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few units
