@@ -15,7 +15,8 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.path import Line, Path, Polyline
+from framework.laws.curves import Polyline
+from framework.laws.path import Line, Path
 from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any

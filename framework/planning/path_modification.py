@@ -21,8 +21,9 @@ import numpy as np
 
 from framework.errors import InvalidInput, NoAnswer, NoLaw, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.curves import Spline
 from framework.laws.law import is_number
-from framework.laws.path import Path, Spline
+from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.planning.feasibility import feasibility_on_path
 from framework.planning.plan import plan_request
