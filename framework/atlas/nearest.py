@@ -49,8 +49,6 @@ from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
-MAX_STARTS = 8  # of Newton's method for foot points, on the shortest rays that meet the locus
-MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 WALKS, WALK_STEPS = 64, 60  # random walks that sample poses; steps of each
@@ -240,7 +238,13 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
     return join(crossed), join(ended)
 
 
-def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
+def _nearest_singular(
+    centre: _Centre,
+    crossed: _RaySegments,
+    reach: float,
+    *,
+    max_starts: int = 8,  # of Newton's method for foot points, on the shortest rays that meet the locus
+) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding. The foot points
@@ -248,7 +252,7 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
-    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), MAX_STARTS))]
+    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), max_starts))]
     candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
     return min(within_reach, key=lambda pose: pose.distance, default=None)
@@ -309,14 +313,19 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
+def _find_foot(
+    centre: _Centre,
+    pose: _Poses,
+    *,
+    max_steps: int = 30,  # steps towards a foot point
+) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
     towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It cannot be found where
     the slopes are zero, or at the end of a branch.
     """
-    for _ in range(MAX_FOOT_STEPS):
+    for _ in range(max_steps):
         # the step to the point of the linearised locus
         try:
             g, a = _linearise_g(centre, pose)

@@ -133,9 +133,6 @@ def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> A
 # ------------------------------------------------------------------ controllers
 
 
-FADING_RATIO = 0.1  # share of the largest singular value below which singular values are damped
-
-
 class RobotState(NamedTuple):
     """Configuration and platform of R runs with their rates, measured or estimated."""
 
@@ -198,18 +195,23 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     )
 
 
-def solve_damped(matrices: Array, right: Array) -> Array:
+def solve_damped(
+    matrices: Array,
+    right: Array,
+    *,
+    fading_ratio: float = 0.1,  # share of the largest singular value below which singular values are damped
+) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
     The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be
-    FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
+    `fading_ratio` times the largest singular value. The inverse of a singular value sigma below t is
     sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
     NaN for a matrix that is not finite; the decomposition of such a matrix would raise an error for all R of
     them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
-    threshold = FADING_RATIO * sigma[:, :1]
+    threshold = fading_ratio * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
         damped_inverse = sigma / threshold**2
         inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), damped_inverse)

@@ -38,8 +38,6 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-GOOD_CONTRACTION = 0.3  # change by a pass over the change by the last pass; above this ratio, passes end
-DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change that is rounding, however small the deflections
 # chooses the law for given deflections and the law of the last pass; both are None before the first pass
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
@@ -113,7 +111,14 @@ def solve_deflections(
 
 
 def _iterate_passes(
-    branch: Branch, grid: TimeGrid, choose_law: LawChoice, tolerance: float, current: Pass
+    branch: Branch,
+    grid: TimeGrid,
+    choose_law: LawChoice,
+    tolerance: float,
+    current: Pass,
+    *,
+    # change by a pass over the change by the last pass; above this ratio, passes end
+    good_contraction: float = 0.3,
 ) -> DeflectionSolution:
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
@@ -132,14 +137,14 @@ def _iterate_passes(
         change = _relative_size(robot, resolved_change, current)
         truncation = _relative_size(robot, current.residual - resolved_change, current)
         # before the second pass the contraction is unknown, and assumed
-        contraction = change / last_change if np.isfinite(last_change) else GOOD_CONTRACTION
+        contraction = change / last_change if np.isfinite(last_change) else good_contraction
         solution = _solution_of_pass(robot, grid, current, current.deflections, passes)
         # change * contraction estimates the change by the next pass
         if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
             return replace(solution, deflections=following)
         if change <= truncation:  # this grid cannot resolve a smaller change
             return solution
-        if contraction > GOOD_CONTRACTION:  # further passes would not settle, or take too long
+        if contraction > good_contraction:  # further passes would not settle, or take too long
             break
         last_change = change
         try:
@@ -218,7 +223,14 @@ def _solution_of_pass(
     )
 
 
-def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:
+def _relative_size(
+    robot: ParallelRobot,
+    residual: Array,
+    current: Pass,
+    *,
+    # [rad, robot lengths] a change that is rounding, however small the deflections
+    deflection_rounding: float = 1e-18,
+) -> float:
     """Return the largest residual (T, n_e) over the largest deflection, or as a force over the largest force.
 
     The larger ratio counts. Deflections alone would hide errors of stiff springs, forces alone those of soft
@@ -230,7 +242,7 @@ def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> floa
     """
     scale = spring_scale(robot)
     stiffness = robot.stiffness
-    if np.abs(residual / scale).max(initial=0.0) <= DEFLECTION_ROUNDING:
+    if np.abs(residual / scale).max(initial=0.0) <= deflection_rounding:
         return 0.0
     caused = np.abs(current.caused)
     largest_deflection = float((caused / scale).max())  # [rad, robot lengths]

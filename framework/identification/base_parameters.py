@@ -24,7 +24,6 @@ import pinocchio as pin
 
 from framework.dynamics.body_parameters import (
     INERTIAL,
-    link_of,
     link_parameters,
     parameter_transform,
     pseudo_inertia,
@@ -45,7 +44,7 @@ from framework.kinematics.inverse_kinematics import close_each, close_loops, req
 from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tree_model import link_axes
+from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element

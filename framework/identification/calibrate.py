@@ -51,7 +51,6 @@ HUBER = 2.0  # ratio of an instant's residual to the noise above which the insta
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is relative to the prior
 CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
 DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
-LEAST_NOISE = 1e-3  # residuals below this share of the assumed noise count as rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -449,7 +448,13 @@ class GaussNewton:
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
-    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
+    def _estimate_noise(
+        self,
+        equations: ParameterEquations,
+        residual: float,
+        *,
+        least_noise: float = 1e-3,  # residuals below this share of the assumed noise count as rounding
+    ) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
         `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
@@ -471,16 +476,16 @@ class GaussNewton:
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0
-        self.degrees_of_freedom = freedom_at(LEAST_NOISE)
+        self.degrees_of_freedom = freedom_at(least_noise)
         if self.degrees_of_freedom < 1.0:
             return
-        self.noise = LEAST_NOISE
-        if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
+        self.noise = least_noise
+        if noise_equation(least_noise) < 0.0:  # else the residuals are rounding
             from scipy.optimize import brentq  # slow to import
 
             # with N - r(s) >= 1 the solution is at most sqrt(N) residual
             upper_bound = max(residual * np.sqrt(count), 1.0)
-            solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
+            solution = brentq(noise_equation, least_noise, upper_bound, xtol=RANK_ROUNDING * least_noise)
             self.noise = float(solution)
         self.degrees_of_freedom = freedom_at(self.noise)
 

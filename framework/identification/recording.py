@@ -27,7 +27,6 @@ from framework.tolerances import SAME_PLACE
 
 LARGEST_RECORDING = 200_000_000  # bytes
 HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
-PERIOD_JITTER = 1e-3  # largest deviation of a time step, over the sampling period
 LINEAR_AXES = ("x", "y", "z")
 
 
@@ -195,18 +194,22 @@ def _is_in_degrees(angles: Array, reference: Array) -> bool:
     )
 
 
-def uniform_period(recording: Recording) -> float:
+def uniform_period(
+    recording: Recording,
+    *,
+    period_jitter: float = 1e-3,  # largest deviation of a time step, over the sampling period
+) -> float:
     """Return the sampling period [s].
 
     Raises:
-        InvalidInput: no column time, or its steps differ by more than PERIOD_JITTER.
+        InvalidInput: no column time, or its steps differ by more than `period_jitter`.
     """
     if "time" not in recording.names:
         raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")
     steps = np.diff(recording.column("time"))
     period = float(steps.mean())
     worst = np.abs(steps - period).argmax()
-    if abs(steps[worst] - period) > PERIOD_JITTER * period:
+    if abs(steps[worst] - period) > period_jitter * period:
         raise InvalidInput(
             f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
             f"{period:.6g} s on average; differentiation needs equal steps"

@@ -20,7 +20,6 @@ from framework.tolerances import PATH_JUMP, SAME_PLACE, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
 NO_KNOTS: Array = read_only(np.empty(0))
-DIFFERENCE_INTERVALS = 9  # between two knots, on which derivatives of a user's own path are tested
 GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 
 
@@ -242,17 +241,21 @@ def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
     return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
 
 
-def _test_intervals(path: Path) -> tuple[Array, Array]:
+def _test_intervals(
+    path: Path,
+    *,
+    difference_intervals: int = 9,  # between two knots, on which derivatives of a user's own path are tested
+) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
-    Each panel, between two knots or ends of the path, has DIFFERENCE_INTERVALS at equal distances.
+    Each panel, between two knots or ends of the path, has `difference_intervals` at equal distances.
     """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
-    widths = np.diff(edges) / DIFFERENCE_INTERVALS  # (panels,)
+    widths = np.diff(edges) / difference_intervals  # (panels,)
     if not np.all(widths > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    steps = np.arange(DIFFERENCE_INTERVALS)
+    steps = np.arange(difference_intervals)
     starts = edges[:-1, None] + widths[:, None] * steps  # (panels, intervals of each)
     lengths = np.broadcast_to(np.minimum(1.0 / GRID_INTERVALS, widths)[:, None], starts.shape)
     return starts.ravel(), lengths.ravel()

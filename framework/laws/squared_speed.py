@@ -42,15 +42,8 @@ if TYPE_CHECKING:
 SPLINE_DEGREE = HIGHEST_ORDER + 1  # as many derivatives of z are continuous as the torque contains
 ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
 PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
-MAX_PANELS = 1024  # of t(sigma)
 STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
 STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
-MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the solution
-MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
-FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
-DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
-# of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
-MIN_RELATIVE_SIZE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -202,7 +195,13 @@ def evaluate_each(x: Array, series: Array) -> Array:
     return np.einsum("tk,tk->t", polynomials, series)
 
 
-def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
+def slowness_on_panels(
+    cells: Array,
+    z_series: Array,
+    stretch: Stretch,
+    *,
+    max_panels: int = 1024,  # of t(sigma)
+) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
     A panel is accurate if the truncation error of its time is rounding beside the duration, or below its own
@@ -220,7 +219,7 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()  # error of z [1/s^2]
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
     edges[[0, -1]] = 0.0, 1.0  # free of rounding
-    while len(edges) <= MAX_PANELS:
+    while len(edges) <= max_panels:
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
         z = evaluate_on_cells(cells, z_series, stretch(grid.times))
@@ -256,7 +255,14 @@ class SpeedSpace(NamedTuple):
         duration, _slopes = self._duration_and_slopes(y)
         return duration
 
-    def blend(self, quick: Array, slow: Array, duration: float) -> Array:
+    def blend(
+        self,
+        quick: Array,
+        slow: Array,
+        duration: float,
+        *,
+        max_steps: int = 60,  # of Newton's method, which converges from any distance on the slow side
+    ) -> Array:
         """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
 
         The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
@@ -265,7 +271,7 @@ class SpeedSpace(NamedTuple):
         y = slow
         direction = quick - slow
         share = 0.0
-        for _ in range(MAX_BLEND_STEPS):
+        for _ in range(max_steps):
             y_duration, slopes = self._duration_and_slopes(y)
             excess = y_duration - duration
             if excess <= SAME_PLACE * duration:  # `adjust` takes care of the rest
@@ -275,7 +281,13 @@ class SpeedSpace(NamedTuple):
         return y
 
     def adjust(
-        self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
+        self,
+        y: Array,
+        equalities: Affine,
+        duration: float | None = None,
+        *,
+        relative: bool = False,
+        max_steps: int = 12,  # of Newton's method, which starts near the solution
     ) -> Array:
         """Compute the coefficients (size,) near y that meet equalities and a duration [s].
 
@@ -293,7 +305,7 @@ class SpeedSpace(NamedTuple):
             InvalidInput: a Newton step on the duration leads to a z that is not positive.
         """
         inverse_weights = self._inverse_weights(y, relative)
-        for _ in range(MAX_ADJUSTMENT_STEPS):
+        for _ in range(max_steps):
             slopes, values = self._linearise(y, equalities, duration)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
@@ -319,7 +331,17 @@ class SpeedSpace(NamedTuple):
         y_duration, duration_slopes = self._duration_and_slopes(y)
         return np.vstack([slopes, duration_slopes]), np.append(values, y_duration - duration)
 
-    def _inverse_weights(self, y: Array, relative: bool) -> Array:
+    def _inverse_weights(
+        self,
+        y: Array,
+        relative: bool,
+        *,
+        free_degree: float = 8.0,  # Chebyshev coefficients up to this degree change at little cost
+        # the cost of changing a Chebyshev coefficient grows with this power of its degree
+        degree_weight_power: float = 4.0,
+        # of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
+        min_relative_size: float = 1e-3,
+    ) -> Array:
         """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
 
         Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
@@ -329,14 +351,14 @@ class SpeedSpace(NamedTuple):
         """
         size = len(y)
         if self.basis.is_spline:
-            return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
+            return np.diag(np.maximum(np.abs(y), min_relative_size * np.abs(y).mean()) ** 2)
         if not relative:
-            return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
+            return np.diag((1.0 + np.arange(size)) ** -degree_weight_power)
         # (4 size, size) T_k at four samples for each coefficient
         values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
         change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
-        degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
+        degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
     def _duration_and_slopes(self, y: Array) -> tuple[float, Array]:

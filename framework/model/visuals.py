@@ -24,7 +24,6 @@ from framework.numerics.input import LARGEST_FILE
 
 Color = tuple[float, float, float, float]
 
-DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 10 * LARGEST_FILE
 
 
@@ -125,15 +124,20 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
     return vertices, faces
 
 
-def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
+def _read_color(
+    material: Element | None,
+    materials: Mapping[str | None, Element],
+    *,
+    default: Color = (0.9, 0.9, 0.9, 1.0),  # of a visual without a colour
+) -> Color:
     """Read the colour of a visual, from its material or the robot's material of the same name.
 
-    `materials` are those of the robot, by name. Without any colour it is DEFAULT_COLOR.
+    `materials` are those of the robot, by name. Without any colour it is `default`.
     """
     if material is None:
-        return DEFAULT_COLOR
+        return default
     for element in (material, materials.get(material.get("name"), material)):
         if (color := element.find("color")) is not None:
             red, green, blue, alpha = parse_numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha
-    return DEFAULT_COLOR
+    return default

@@ -26,10 +26,6 @@ from framework.tolerances import SAME_PLACE
 MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
 MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
-NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
-NODE_RATIO = 4  # number of samples over number of Chebyshev coefficients, on each panel
-# distances between the three points of the parabolas about a maximum, over the distance between samples
-ZOOM_STEPS = (1.0, 1.0 / 16.0, 1.0 / 256.0)
 
 
 @lru_cache(maxsize=64)
@@ -221,7 +217,13 @@ class TimeGrid(ReadOnlyArrays):
         """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
-    def fit_truncated(self, values: Array) -> TimeFunction:
+    def fit_truncated(
+        self,
+        values: Array,
+        *,
+        # a coefficient below this factor times the largest of the last eighth is rounding
+        noise_factor: float = 3.0,
+    ) -> TimeFunction:
         """Fit the function through values (panels * size, k); set coefficients of rounding size to zero.
 
         The last eighth of the coefficients of a resolved function are rounding errors, and indicate their
@@ -229,7 +231,7 @@ class TimeGrid(ReadOnlyArrays):
         would grow in an iteration on second derivatives.
         """
         series = coefficients(self._stack_panels(values))
-        rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        rounding = noise_factor * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
         series[:, self.resolvable :] = 0.0
         return TimeFunction(self.edges, series)
@@ -302,12 +304,20 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
 # ------------------------------------------------------------------ largest values
 
 
-def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
+def peak_sizes(
+    function: Callable[[Array], Array],
+    edges: Array,
+    size: int,
+    *,
+    node_ratio: int = 4,  # number of samples over number of Chebyshev coefficients, on each panel
+    # distances between the three points of the parabolas about a maximum, over the distance between samples
+    zoom_steps: tuple[float, ...] = (1.0, 1.0 / 16.0, 1.0 / 256.0),
+) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
     The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
     are refined: each maximum moves to the vertex of the parabola through three points about it, again and
-    again, with points that are closer together each time (ZOOM_STEPS).
+    again, with points that are closer together each time (`zoom_steps`).
 
     Args:
         function: returns values (T, k) at t (T,) [s].
@@ -315,7 +325,7 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
         size: number of coefficients of the function's series on each panel.
     """
     start, end = edges[0], edges[-1]
-    t = TimeGrid(edges, NODE_RATIO * size).times  # (T,)
+    t = TimeGrid(edges, node_ratio * size).times  # (T,)
     values = np.abs(function(t))  # (T, k)
     peaks = values.max(axis=0)
 
@@ -331,7 +341,7 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
         sizes = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
         return sizes[..., np.arange(len(component)), component]
 
-    for zoom_step in ZOOM_STEPS:
+    for zoom_step in zoom_steps:
         step = zoom_step * spacing
         points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
         sizes = sizes_at(points)

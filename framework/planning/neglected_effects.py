@@ -55,7 +55,6 @@ from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
-CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
 MAX_NAMES = 4  # of springs or idle turns that are listed by name
 
 
@@ -110,7 +109,13 @@ class CorrectedLaw(ExactLaw):
         return values
 
 
-def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
+def _correction_intervals(
+    law: MotionLaw,
+    times: Array,
+    *,
+    # half-width of a local correction divided by the time to the next crossing or end
+    corrected_share: float = 0.9,
+) -> list[tuple[float, float]]:
     """Return the start and end [s] of each correction of a law that crosses at times (k,).
 
     A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
@@ -120,7 +125,7 @@ def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, flo
     if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
-    half_widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    half_widths = corrected_share * np.minimum(gaps[:-1], gaps[1:])
     return list(zip(times - half_widths, times + half_widths, strict=True))
 
 

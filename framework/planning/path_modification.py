@@ -41,7 +41,6 @@ END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, th
 DOUBLED_BENDS, COMPARED_BENDS = 8, 6
 # After the bisections the least bend is known to a factor of 2^(1/8), or 9 %; it is multiplied by RESERVE.
 BISECTIONS, RESERVE = 3, 1.1
-MIN_INTERVALS = 9  # least number of intervals of the bent spline
 
 
 class BendChoice(NamedTuple):
@@ -226,13 +225,18 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
-def _choose_intervals(path: Path, c: float) -> int:
+def _choose_intervals(
+    path: Path,
+    c: float,
+    *,
+    min_intervals: int = 9,  # least number of intervals of the bent spline
+) -> int:
     """Choose the number of intervals of the bent spline.
 
     The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge
     between panels in time, which no crossing may meet.
     """
-    least = MIN_INTERVALS + 2 * len(path.knots)
+    least = min_intervals + 2 * len(path.knots)
     candidates = range(least - 1, least + 3)
     return min(candidates, key=lambda count: abs(c * count % 1.0 - 0.5))  # distance from an interval's middle
 

@@ -41,11 +41,8 @@ from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
 PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
-ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
-MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
-MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
 # Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
 # LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
@@ -118,7 +115,11 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _find_balanced_law(
-    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime]
+    to_cross: PathToCross,
+    request: Request,
+    timing: Sequence[CrossingTime],
+    *,
+    max_balances: int = 40,  # of law and deflections, until the polynomial passes the crossings
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
@@ -138,7 +139,7 @@ def _find_balanced_law(
     times = np.array([time for time, _ in timing])
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
-    for _ in range(MAX_BALANCES):
+    for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
         crossings = _deformed_crossings(to_cross, timing, deflections.evaluate, law)
         places = np.array([point.s for point, _ in crossings])
@@ -154,6 +155,8 @@ def _balance_accelerations(
     timing: Sequence[CrossingTime],
     crossings: Sequence[PlannedCrossing],
     start: KnownDeflections | None,
+    *,
+    acceleration_step: float = 1e-4,  # of differences in s" at a crossing, times the duration squared
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
@@ -176,7 +179,7 @@ def _balance_accelerations(
 
     no_shift = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
-    difference_steps = no_shift + ACCELERATION_STEP / request.fixed_duration**2  # (k,) [1/s^2]
+    difference_steps = no_shift + acceleration_step / request.fixed_duration**2  # (k,) [1/s^2]
     if start is not None and not np.array_equal(start.splines.panels, edges):
         start = None  # its panels end elsewhere
     balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
@@ -400,7 +403,14 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
     return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
-def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
+def _score_laws(
+    duration: float,
+    measure: Measure,
+    timings: Array,
+    *,
+    # of the duration: least time between crossings, and from crossings to the ends
+    min_separation: float = 1e-3,
+) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
     The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
@@ -413,7 +423,7 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
-    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
+    possible = (separation >= min_separation * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
     advances, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)

@@ -47,10 +47,8 @@ from framework.tolerances import (
     NEWTON_STEP,
 )
 
-MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
-STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
 MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
@@ -101,6 +99,8 @@ def find_real_solutions(
     group: Displacements,
     coefficients: Array,
     rounding: float = LEG_COEFFICIENT_ROUNDING,
+    *,
+    max_attempts: int = 4,  # each along other paths, while some are lost
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
@@ -116,7 +116,7 @@ def find_real_solutions(
 
     rows, slack = group.eliminate_square(coefficients, rounding)  # equivalent, with bounds on their errors
     attempts = list[RealSolutions]()
-    for seed in range(1, MAX_ATTEMPTS + 1):
+    for seed in range(1, max_attempts + 1):
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
@@ -269,13 +269,19 @@ class TrackedPaths(NamedTuple):
 
 
 def track_paths(
-    group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
+    group: Displacements,
+    start: ComplexArray,
+    end: ComplexArray,
+    z: ComplexArray,
+    rng: np.random.Generator,
+    *,
+    steps_before_growth: int = 4,  # successive good steps before the step is doubled
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
     The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good,
-    and taken, if the last Newton correction is small. After STEPS_BEFORE_GROWTH good steps in a row the step
-    is doubled, after a step that is not good it is halved. A path is lost if its step is below MIN_STEP.
+    and taken, if the last Newton correction is small. After `steps_before_growth` good steps in a row the
+    step is doubled, after a step that is not good it is halved. A path is lost if its step is below MIN_STEP.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
@@ -295,7 +301,7 @@ def track_paths(
 
         # adapt the step of each path
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
-        grows = good_steps[live] >= STEPS_BEFORE_GROWTH
+        grows = good_steps[live] >= steps_before_growth
         good_steps[live[grows]] = 0  # count again
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 

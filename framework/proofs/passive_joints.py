@@ -24,13 +24,16 @@ from framework.proofs.rounding import approximate_inverses
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 300  # of a search for all solutions
-STARTS_PER_POSE = 24  # of the platform
-RANDOM_SEED = 11
 MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
 def find_joints_at_pose(
-    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None
+    robot: ParallelRobot,
+    q: Array,
+    position: Array,
+    rotation: Array | None,
+    *,
+    start_count: int = 24,  # of the platform
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
@@ -50,7 +53,7 @@ def find_joints_at_pose(
         turns, turn_slopes = attitude_equations(frames, rotation)
         return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
-    starts = draw_starts(robot, q, robot.passive, STARTS_PER_POSE)
+    starts = draw_starts(robot, q, robot.passive, start_count)
     ends, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     poses = remove_whole_turns(robot, ends[closed])
     return min(poses, key=partial(distance_from_reference, robot), default=None)
@@ -106,14 +109,21 @@ def close_all_loops(
     return q, residual < LOOP_GAP
 
 
-def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
+def draw_starts(
+    robot: ParallelRobot,
+    q: Array,
+    columns: IntArray,
+    count: int,
+    *,
+    random_seed: int = 11,
+) -> Array:
     """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
 
     Hinges turn by up to half a turn, slides move by up to a robot length.
     """
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
     steps = np.zeros((count, len(columns)))
-    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    steps[1:] = np.random.default_rng(random_seed).uniform(-spread, spread, (count - 1, len(spread)))
     return integrate_columns(robot, q, columns, steps)
 
 

@@ -25,7 +25,6 @@ from framework.tolerances import NEWTON_STEP, SAME_PLACE
 
 PATCH_POINTS = 11  # number of points along an edge of the patch
 PATCH_SIZE = 0.12  # [robot lengths] half an edge of the patch
-MAX_PATCH_HEIGHT = 0.2  # [robot lengths] distance from the tangent plane; a higher patch is not drawn
 
 
 class LocusCurves(NamedTuple):
@@ -86,16 +85,25 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     return (x[translations] + shifts).reshape(PATCH_POINTS, PATCH_POINTS, 3)
 
 
-def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, normal: Array) -> Array | None:
+def _move_onto_locus(
+    robot: ParallelRobot,
+    q: Array,
+    x: Array,
+    shifts: Array,
+    normal: Array,
+    *,
+    # [robot lengths] distance from the tangent plane; a higher patch is not drawn
+    max_patch_height: float = 0.2,
+) -> Array | None:
     """Move points (T, 3) [m] along a normal (3,) onto the locus.
 
-    None if the loops do not close somewhere, or the locus is farther away than MAX_PATCH_HEIGHT.
+    None if the loops do not close somewhere, or the locus is farther away than `max_patch_height`.
 
     Args:
         q, x: configuration (nq,) and platform coordinates (n,) of a pose.
         shifts: the points (T, 3) [m], relative to the platform in this pose, as is the result.
     """
-    farthest = MAX_PATCH_HEIGHT * robot.length
+    farthest = max_patch_height * robot.length
     height = np.zeros(len(shifts))  # [m] along the normal
     guess = np.tile(q, (len(shifts), 1))
     for _ in range(MAX_ITERATIONS):

@@ -35,7 +35,6 @@ from framework.singularity.type2 import singularity_measure, twist_norm, uncontr
 
 # Least singular value over its usual size, below which a pose is near singular, or singular.
 NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01
-LIMIT_BISECTIONS = 8  # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
@@ -225,7 +224,14 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
     return _stop_at_limits(robot, start.q[0], pose_after)
 
 
-def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
+def _stop_at_limits(
+    robot: ParallelRobot,
+    q: Array,
+    pose_after: Callable[[float], JoggedPose],
+    *,
+    # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
+    limit_bisections: int = 8,
+) -> JoggedPose:
     """Find the last pose of a motion from q (nq,) within joint limits, by bisection.
 
     If q itself exceeds a limit, the limits are ignored.
@@ -240,7 +246,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
     last_inside = describe_jogged_pose(robot, q)
     inside, outside = 0.0, 1.0  # shares of the motion, within limits and beyond
-    for _ in range(LIMIT_BISECTIONS):
+    for _ in range(limit_bisections):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)
         if positions_beyond_limits(robot.limits, pose.q[None]):

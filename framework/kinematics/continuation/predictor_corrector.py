@@ -43,7 +43,6 @@ MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 # A turning point is believed if the curve to it deviates from a parabola by no more than these shares: of the
 # chord, and of the gain in s.
 MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
-FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
 
@@ -158,7 +157,13 @@ class Curves:
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
-    def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
+    def _follow_to_turn(
+        self,
+        q: Array,
+        share: Array,
+        *,
+        first_secant_length: float = 1e-3,  # [rad, lengths] along the curve, for the first secant of ds/dt
+    ) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
         A curve that has converged or become too long rests while the others go on. t (T,) is the length
@@ -170,7 +175,7 @@ class Curves:
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
         t = np.zeros(len(q))
-        dt = np.full(len(q), FIRST_SECANT_LENGTH)
+        dt = np.full(len(q), first_secant_length)
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_ITERATIONS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it

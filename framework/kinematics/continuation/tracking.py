@@ -55,7 +55,6 @@ from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
-TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
 POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
 LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
@@ -313,7 +312,13 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
 
 
 def _branch_end_error(
-    robot: ParallelRobot, path: Path, followed: FollowedCurve, subject: str
+    robot: ParallelRobot,
+    path: Path,
+    followed: FollowedCurve,
+    subject: str,
+    *,
+    # relative singular value below which the loops have lost rank at the end of a branch
+    type_1_end_ratio: float = 1e-4,
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for a branch that could only be `followed` to an early end.
 
@@ -324,7 +329,7 @@ def _branch_end_error(
     s = float(last.s[0])
     x = path(s)
     linearised = last.linearised
-    count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
+    count = int(count_lost_ranks(robot, linearised, type_1_end_ratio)[0])
     if count:
         return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
