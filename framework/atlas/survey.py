@@ -20,9 +20,6 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 EDGE_POSES, MAX_EDGE_POSES = 200, 4000  # poses along an edge of a map: usual and largest number
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
-SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
-SURVEY_REACH = 1.6  # [robot lengths, rad] half an edge of the first survey
-SURVEYS = 3  # each of the window that the previous one has found
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +94,13 @@ def survey_window(
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
     keep_limits: bool = False,
+    survey_edge_poses: int = 33,  # poses along an edge of a survey
+    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of the first survey
+    surveys: int = 3,  # each of the window that the previous one has found
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    The first of `SURVEYS` surveys covers `SURVEY_REACH` about the point `at` with coarse poses. Each further
+    The first of `surveys` surveys covers `survey_reach` about the point `at` with coarse poses. Each further
     one covers the window that the previous one has found.
 
     Args:
@@ -116,16 +116,16 @@ def survey_window(
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
     middle = point[list(columns)]
-    half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
+    half_edges = survey_reach * robot.platform_scale[list(columns)]
     outermost = Window(
         axes=columns,
         lower=middle - half_edges,
         upper=middle + half_edges,
-        shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
+        shape=(survey_edge_poses, survey_edge_poses),
         constants=point,
     )
     window = outermost  # of the first survey; no other window reaches beyond it
-    for _ in range(SURVEYS):
+    for _ in range(surveys):
         window = _reached_window(robot, window, outermost, keep_limits)
     return replace(window, shape=(size, size))
 

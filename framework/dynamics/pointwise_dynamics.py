@@ -68,12 +68,10 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.numerics.chebyshev import PANEL_NODES, TimeGrid, coefficients, evaluate, tail
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
-
-PANEL_NODES = 24  # an even number, so that no node is in the middle
 
 
 def dynamics_at(

@@ -33,7 +33,6 @@ from framework.tolerances import LIMIT_MARGIN
 
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
-IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,14 +197,20 @@ def _bracket_capacity(
     return capacity
 
 
-def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+def _bound_capacity(
+    task: _Multiples,
+    capacity: Capacity,
+    *,
+    # multiples over the refused one, in turn
+    impossible_ratios: tuple[float, ...] = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0),
+) -> Capacity:
     """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
 
-    The multiples are IMPOSSIBLE_RATIOS times the refused one. The bound need not refute that one itself: a
+    The multiples are `impossible_ratios` times the refused one. The bound need not refute that one itself: a
     search may miss a law, and the bound is not sharp.
     """
     if not np.isfinite(capacity.refused):
         return capacity
-    multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
+    multiples = (ratio * capacity.refused for ratio in impossible_ratios)
     impossible = next((multiple for multiple in multiples if task.is_impossible(multiple)), np.inf)
     return replace(capacity, impossible=impossible)

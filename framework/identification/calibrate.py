@@ -48,8 +48,6 @@ LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of 
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 HUBER = 2.0  # ratio of an instant's residual to the noise above which the instant's weight falls
-MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is relative to the prior
-CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
 DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
 
 
@@ -347,7 +345,15 @@ class GaussNewton:
         # eliminating the pose of an instant uses up as many equations as there are motors
         self.equations_per_instant = len(measured.names) - model.n_a
 
-    def run(self, progress: Callable[[int], None]) -> None:
+    def run(
+        self,
+        progress: Callable[[int], None],
+        *,
+        max_steps: int = 60,
+        first_damping: float = 1e-3,  # relative to the prior
+        max_damping: float = 1e9,  # relative to the prior
+        converged: float = 1e-6,  # largest change of a parameter in the last step, over its prior deviation
+    ) -> None:
         """Iterate until the parameters converge.
 
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). With
@@ -355,12 +361,12 @@ class GaussNewton:
         residuals least.
 
         Raises:
-            NotConverged: no convergence within MAX_STEPS steps or with a damping of at most MAX_DAMPING.
+            NotConverged: no convergence within `max_steps` steps or with a damping of at most `max_damping`.
         """
-        damping = FIRST_DAMPING
+        damping = first_damping
         equations = eliminate_poses(self.model, self.measured, self.q)
         cost = self._update_weights(equations)
-        while self.steps < MAX_STEPS and damping <= MAX_DAMPING:
+        while self.steps < max_steps and damping <= max_damping:
             self.steps += 1
             progress(self.steps)
             # step the parameters, and the joints with them
@@ -380,7 +386,7 @@ class GaussNewton:
             equations = next_equations
             damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
             cost = self._update_weights(equations)  # of the new weights
-            if np.abs(change / self.prior).max() < CONVERGED:
+            if np.abs(change / self.prior).max() < converged:
                 self._estimate_deviations(equations)
                 return
         raise NotConverged(

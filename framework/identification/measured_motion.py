@@ -29,7 +29,6 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
-ORDER, SPLINE_DEGREE = 4, 5  # of the filter; of the splines
 MIN_SAMPLES = 64  # of a recording
 
 
@@ -202,21 +201,31 @@ class _LowPass(NamedTuple):
     period: float  # [s] of the samples
     cutoff: float  # [Hz]
 
-    def filter(self, values: Array) -> Array:
+    def filter(
+        self,
+        values: Array,
+        *,
+        order: int = 4,  # of Butterworth's filter
+    ) -> Array:
         """Filter values (samples, k) forwards and backwards, which cancels the delay."""
         from scipy.signal import butter, sosfiltfilt
 
-        sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
+        sections = butter(order, self.cutoff, fs=1.0 / self.period, output="sos")
         # three periods of the cutoff at either end, in which the filter settles
         padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
-    def differentiate(self, values: Array) -> Array:
+    def differentiate(
+        self,
+        values: Array,
+        *,
+        spline_degree: int = 5,
+    ) -> Array:
         """Return filtered values (samples, k) and two time derivatives, (3, samples, k)."""
         from scipy.interpolate import make_interp_spline
 
         times = self.period * np.arange(len(values))
-        spline = make_interp_spline(times, self.filter(values), k=SPLINE_DEGREE)
+        spline = make_interp_spline(times, self.filter(values), k=spline_degree)
         return np.array([spline(times, order) for order in range(3)])
 
     def choose_instants(self, count: int) -> IntArray:

@@ -24,7 +24,6 @@ from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, FILE_ROUNDING, RANK
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
 NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
 MAX_ITERATIONS = 25  # of Newton's and similar methods
 
 
@@ -222,6 +221,8 @@ def nearby_configurations(
     reference: Array,
     *,
     same_direction_cosine: float = 0.99,  # two directions with a larger |cosine| count as the same
+    max_nearby: int = 2,  # number of configurations
+    draws: int = 8,  # number of random motions that are tried
 ) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
@@ -236,7 +237,7 @@ def nearby_configurations(
     configurations: list[Array] = []
     directions: list[Array] = []
     # a single motion need not be drawn twice
-    for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
+    for _ in range(draws if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,) [rad, robot lengths]
@@ -251,6 +252,6 @@ def nearby_configurations(
         if all(abs(direction @ other) < same_direction_cosine for other in directions):
             configurations.append(closing.q)
             directions.append(direction)
-        if len(configurations) == MAX_NEARBY:
+        if len(configurations) == max_nearby:
             break
     return tuple(configurations)

@@ -26,6 +26,7 @@ from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import (
     COEFFICIENT_ROUNDING,
+    PANEL_NODES,
     TimeFunction,
     TimeGrid,
     coefficients,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
 SPLINE_DEGREE = HIGHEST_ORDER + 1  # as many derivatives of z are continuous as the torque contains
 ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
-PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
 STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
 STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
 

@@ -25,6 +25,8 @@ from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
 MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
+# of a panel that is halved until its series is resolved; an even number, so that no node is in the middle
+PANEL_NODES = 24
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
 
 

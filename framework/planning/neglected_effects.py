@@ -55,9 +55,6 @@ from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
-MAX_NAMES = 4  # of springs or idle turns that are listed by name
-
-
 # ------------------------------------------------------------------ the corrected law
 
 
@@ -469,10 +466,14 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
 
-def _list_names(names: Sequence[str]) -> str:
-    """Return at most MAX_NAMES names and the number of the rest, in words."""
-    rest = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+def _list_names(
+    names: Sequence[str],
+    *,
+    max_names: int = 4,  # of springs or idle turns that are listed by name
+) -> str:
+    """Return at most `max_names` names and the number of the rest, in words."""
+    rest = len(names) - max_names
+    return ", ".join(names[:max_names]) + (f" and {rest} more" if rest > 0 else "")
 
 
 # ------------------------------------------------------------------ friction, idle turns

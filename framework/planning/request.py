@@ -25,7 +25,6 @@ from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import peak_sizes
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
-MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few units
 SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
 MAX_SMOOTHNESS = 12
 MOTION_SAMPLES = 1001  # equidistant values of s, or instants, at which a path or a motion is measured
@@ -141,9 +140,13 @@ class Request(PlanOptions):
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 
-    def _check_crossings(self) -> None:
+    def _check_crossings(
+        self,
+        *,
+        max_paths: float = 1e6,  # largest s' at a crossing times the duration; feasible laws have a few
+    ) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
-        largest = np.inf if self.duration is None else MAX_PATHS_PER_DURATION / self.duration
+        largest = np.inf if self.duration is None else max_paths / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
                 raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")

@@ -48,12 +48,9 @@ from framework.tolerances import (
 )
 
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
-FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
-ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
-AGREEING_EXPONENTS = 3  # exponents of successive segments that must agree to decide how a path ends
 
 Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
 
@@ -276,19 +273,22 @@ def track_paths(
     rng: np.random.Generator,
     *,
     steps_before_growth: int = 4,  # successive good steps before the step is doubled
+    first_step: float = 0.05,  # share of the line of coefficients
+    min_step: float = 1e-9,  # share of the line of coefficients
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
     The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good,
     and taken, if the last Newton correction is small. After `steps_before_growth` good steps in a row the
-    step is doubled, after a step that is not good it is halved. A path is lost if its step is below MIN_STEP.
+    step is doubled, after a step that is not good it is halved. A path is lost if its step is below
+    `min_step`.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
     homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
     t = np.zeros(len(z))  # (S,) of each path, like the next two
-    step = np.full(len(z), FIRST_STEP)
+    step = np.full(len(z), first_step)
     good_steps = np.zeros(len(z), dtype=int)  # successive ones
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
@@ -305,7 +305,7 @@ def track_paths(
         good_steps[live[grows]] = 0  # count again
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
-        live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
+        live = live[(step[live] >= min_step) & (t[live] < 1.0)]
     return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
@@ -371,6 +371,9 @@ def _run_endgame(
     last: ComplexArray,
     live: BoolArray,
     rng: np.random.Generator,
+    *,
+    segments: int = 18,  # the last ends at 1e-11 of the line: coefficients are known no better
+    agreeing: int = 3,  # exponents of successive segments that must agree to decide how a path ends
 ) -> None:
     """Classify paths by their growth over shrinking segments, in place.
 
@@ -389,7 +392,7 @@ def _run_endgame(
     start, target = line
     segment_start = start
     log_sizes = [np.log(displacement_sizes(group, last))]
-    for segment in range(1, ENDGAME_SEGMENTS + 1):
+    for segment in range(1, segments + 1):
         if not live.any():
             break
         # track all paths to the end of the next segment; those that do not arrive there are lost
@@ -399,11 +402,11 @@ def _run_endgame(
         live[live] = tracked.arrived
         log_sizes.append(np.log(displacement_sizes(group, last)))
         segment_start = segment_end
-        if segment < AGREEING_EXPONENTS:
+        if segment < agreeing:
             continue
 
-        # classify: changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
-        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)
+        # classify: changes (A, S) over the last A = `agreeing` segments, and the exponents w (A, S)
+        changes = np.diff(log_sizes[-agreeing - 1 :], axis=0)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)

@@ -24,7 +24,6 @@ from framework.proofs.rounding import approximate_inverses
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 300  # of a search for all solutions
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
 def find_joints_at_pose(
@@ -77,11 +76,14 @@ def close_all_loops(
     q: Array,
     columns: IntArray,
     extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
+    *,
+    max_steps: int = 40,  # of Newton's method
+    max_step: float = 0.6,  # [rad, robot lengths] largest motion of a joint in one step
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q (T, nq), mask (T,) of closed loops.
 
     Redundant equations are included, so each step solves a least-squares problem; steps are cut to
-    MAX_SEARCH_STEP. One more step after all loops are closed reduces the residuals to rounding.
+    `max_step`. One more step after all loops are closed reduces the residuals to rounding.
 
     Args:
         columns: of the joints that move, in the velocity vector.
@@ -89,7 +91,7 @@ def close_all_loops(
             along all joints, dimensionless.
     """
     is_last = False  # whether the last step has been taken
-    for _ in range(MAX_SEARCH_STEPS):
+    for _ in range(max_steps):
         frames = frames_at(robot, q)
         values, slopes = scaled_equations(robot, robot.rows, frames)
         if extra_equations is not None:
@@ -102,9 +104,9 @@ def close_all_loops(
             break
         is_last = bool((residual < LOOP_GAP).all())
 
-        # a step of least norm, shortened so that no joint moves by more than MAX_SEARCH_STEP
+        # a step of least norm, shortened so that no joint moves by more than `max_step`
         step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
-        step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
+        step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / max_step, 1.0)
         q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
     return q, residual < LOOP_GAP
 

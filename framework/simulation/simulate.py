@@ -33,6 +33,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import select_fields
 from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
@@ -248,7 +249,6 @@ def _path_errors(
 
 
 DEFAULT_SAMPLES = 501
-SAMPLE_RANGE = (2, 10_000_000)
 STAGE_RANGE = (3, 30)
 
 
@@ -309,7 +309,7 @@ def simulate(
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
     settings = _method_settings(method, tolerance, step, stages)
-    samples = whole_number("samples", samples, *SAMPLE_RANGE)
+    samples = whole_number("samples", samples, MIN_ROWS, MAX_ROWS)
     equations = EquationsOfMotion.of(robot, damping)
     complete_drive = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)

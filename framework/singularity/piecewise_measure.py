@@ -23,13 +23,12 @@ from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
+from framework.numerics.chebyshev import PANEL_NODES, coefficients, extrema, nodes, real_roots, tail
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
-PANEL_NODES = 24
 VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
 
 

@@ -56,7 +56,6 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
 POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
-LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
@@ -397,16 +396,23 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     return robot.actuator_names[motor]
 
 
-def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
+def _closes_beyond(
+    robot: ParallelRobot,
+    path: Path,
+    last: BranchPoses,
+    *,
+    look_ahead: tuple[float, ...] = (1e-3, 1e-2),  # in s
+    look_ahead_nudge: float = 0.02,  # motion of joints [rad or m] from the last pose
+) -> bool:
     """Return whether the loops close again a little further along the path, on any branch.
 
     Newton's method starts from the last pose after all joints have moved slightly, in either direction.
     """
-    ahead = last.s + np.array(LOOK_AHEAD)
+    ahead = last.s + np.array(look_ahead)
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):
         return False
-    nudge = np.full((len(ahead), len(robot.moving)), LOOK_AHEAD_NUDGE)
+    nudge = np.full((len(ahead), len(robot.moving)), look_ahead_nudge)
     nudge[1::2] *= -1.0
     guess = integrate_columns(robot, last.q, robot.moving, nudge)
     return bool(close_each(robot, path(ahead), guess).closed.any())
