@@ -47,7 +47,6 @@ from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of a machine shop
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
-HUBER = 2.0  # ratio of an instant's residual to the noise above which the instant's weight falls
 DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
 
 
@@ -425,16 +424,23 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _update_weights(self, equations: ParameterEquations) -> float:
+    def _update_weights(
+        self,
+        equations: ParameterEquations,
+        *,
+        huber_ratio: float = 2.0,  # of a residual to the noise, above which the instant's weight falls
+    ) -> float:
         """Update the noise and Huber's weights of the instants; return the cost.
 
-        The noise is estimated from the median residual. An instant with a residual above HUBER times the
-        noise has the weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
+        The noise is estimated from the median residual. An instant with a residual r above the noise
+        times h = `huber_ratio` has the weight h noise / r, so that its cost grows linearly (Huber, Annals of
         Mathematical Statistics 35, 1964).
         """
         residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
-        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING)))
+        self.weights = np.sqrt(
+            np.minimum(1.0, huber_ratio * self.noise / np.maximum(residuals, RANK_ROUNDING))
+        )
         return self._cost(equations, self.values)
 
     def _estimate_deviations(self, equations: ParameterEquations) -> None:

@@ -48,7 +48,6 @@ MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that n
 # LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
-DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
 
 # from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
 Measure = Callable[[Array, Array], tuple[Array, Array]]
@@ -432,7 +431,12 @@ def _score_laws(
 
 
 def _search_timings(
-    starts: Array, request: Request, score_laws: Callable[[Array], Array]
+    starts: Array,
+    request: Request,
+    score_laws: Callable[[Array], Array],
+    *,
+    # standard deviation in the first round, of times over the duration and of log speeds
+    draw_spread: float = 0.1,
 ) -> tuple[Array, float]:
     """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
@@ -457,7 +461,7 @@ def _search_timings(
     first_laws = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]  # laws drawn in each round
     centres = first_laws[random.integers(len(starts), size=count)]
-    drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
+    drawn = centres + is_open * draw_spread * random.standard_normal(centres.shape)
 
     # the survivors, best first, with their scores, and the mean of the survivors of the round before
     laws = first_laws[:1]

@@ -26,7 +26,6 @@ from framework.numerics.chebyshev import peak_sizes
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
 SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
-MAX_SMOOTHNESS = 12
 MOTION_SAMPLES = 1001  # equidistant values of s, or instants, at which a path or a motion is measured
 PEAK_SAMPLES = 2 * MOTION_SAMPLES - 1  # instants at which peaks are located and limits are checked
 
@@ -189,7 +188,12 @@ class Request(PlanOptions):
             ).advising({"smoothness": HIGHEST_SMOOTHNESS})
 
 
-def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
+def checked_smoothness(
+    robot: ParallelRobot,
+    smoothness: int | None,
+    *,
+    largest: int = 12,
+) -> int:
     """Return the order up to which derivatives of s vanish at both ends.
 
     The default is the least valid one: the torques contain at least the derivatives of s up to this order.
@@ -203,9 +207,9 @@ def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
         return least
     if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
         raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
-    if not least <= smoothness <= MAX_SMOOTHNESS:
+    if not least <= smoothness <= largest:
         raise InvalidInput(
-            f"smoothness: got {smoothness}, valid: {least} .. {MAX_SMOOTHNESS} (the torque of a "
+            f"smoothness: got {smoothness}, valid: {least} .. {largest} (the torque of a "
             f"{robot.flexibility} robot contains derivatives of s up to order {least} at least; fewer zeros "
             f"make it jump there)"
         ).advising({"smoothness": None})

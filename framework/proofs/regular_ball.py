@@ -47,14 +47,19 @@ from framework.proofs.rounding import (
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
-MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_TURN = np.pi / 2 / ROUND_UP  # [rad] of a ball; beyond a right angle the sine has two angles
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
 
 
 def prove_regular_ball(
-    robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
+    robot: ParallelRobot,
+    q: Array,
+    x: Array,
+    within: float,
+    *,
+    max_cells: int = MAX_CELLS,
+    max_work: float = 3e8,  # number of cells times the fourth power of the number of joints: some seconds
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
@@ -80,7 +85,7 @@ def prove_regular_ball(
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return single_radius
     # the work of a cell grows as the fourth power of the number of joints
-    affordable_cells = int(MAX_WORK / len(robot.moving) ** 4)
+    affordable_cells = int(max_work / len(robot.moving) ** 4)
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
 

@@ -44,10 +44,6 @@ from framework.proofs.interval_newton import (
 from framework.proofs.krawczyk import prove_existence
 from framework.proofs.rounding import ROUND_UP
 
-RESOLUTION = 1e-3  # [m], or in robot lengths of turns
-SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
-MAX_BOXES = 500_000  # tested for each set
-
 
 @dataclass(frozen=True, eq=False)
 class PavedSet(ReadOnlyArrays):
@@ -103,9 +99,9 @@ def pave_singularities(
     robot: ParallelRobot,
     *,
     window: ArrayLike | None = None,
-    resolution: float = RESOLUTION,
-    reach: float = SLIDE_REACH,
-    max_boxes: int = MAX_BOXES,
+    resolution: float = 1e-3,
+    reach: float = 1.2,
+    max_boxes: int = 500_000,
 ) -> SingularPaving:
     """Enclose all Type 1 and Type 2 poses of a robot with one or two freedoms, over all modes.
 

@@ -40,7 +40,6 @@ from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
 from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
-DEFAULT_EXPLICIT_STEPS = 256  # of method explicit
 MAX_STEPS = 1_000_000  # of methods with steps of one length
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 
@@ -198,9 +197,10 @@ def integrate_by_explicit_steps(
     *,
     # steps in which open loops close; faster closing dominates the error estimate
     closing_steps: float = 50.0,
+    default_steps: int = 256,  # of method explicit
 ) -> Integration:
     """Integrate by explicit steps of order 8, all of about the same length; see `explicit_steps`."""
-    edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
+    edges = _step_edges(task, settings.step or task.duration / default_steps)
     dynamics = ContactDynamics.of(task.equations, closing_steps * float(np.diff(edges).max()))
     steps = explicit_steps(dynamics, task.drive, task.start, edges)
     record = RunRecord(task, event_samples=4)

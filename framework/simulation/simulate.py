@@ -248,10 +248,6 @@ def _path_errors(
     return tracking_error, turning_error[0] if turning_error else None
 
 
-DEFAULT_SAMPLES = 501
-STAGE_RANGE = (3, 30)
-
-
 def simulate(
     robot: ParallelRobot | PlannedMotion,
     drive: PlannedMotion | Callable[..., ArrayLike] | None = None,
@@ -267,7 +263,7 @@ def simulate(
     wrenches: Mapping[str, Any] | None = None,
     breaks: Sequence[float] = (),
     events: Sequence[Event] = (),
-    samples: int = DEFAULT_SAMPLES,
+    samples: int = 501,
     progress: Callable[[float], None] | None = None,
 ) -> Simulation:
     """Simulate the forward dynamics of a robot under motor torques.
@@ -336,7 +332,12 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: str, tolerance: float | None, step: float | None, stages: int | None
+    method: str,
+    tolerance: float | None,
+    step: float | None,
+    stages: int | None,
+    *,
+    stage_range: tuple[int, int] = (3, 30),
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
@@ -358,7 +359,7 @@ def _method_settings(
     if stages is not None:
         if not settings.stages:
             raise InvalidInput(f"stages: method {method} has none")
-        stages = whole_number("stages", stages, *STAGE_RANGE)
+        stages = whole_number("stages", stages, *stage_range)
         settings = settings._replace(stages=stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:

@@ -28,9 +28,6 @@ from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State
 from framework.tolerances import SAME_PLACE
 
-# largest number of steps of a simulation; their number is extrapolated once so many steps are accepted
-MAX_STEPS, PROJECTED_AFTER = 20_000, 100
-
 
 def collocate(
     equations: EquationsOfMotion,
@@ -41,6 +38,8 @@ def collocate(
     stages: int,
     tolerance: float,
     longest: float,
+    max_steps: int = 20_000,  # of a simulation
+    projected_after: int = 100,  # accepted steps, from which their number is extrapolated
 ) -> Iterator[CollocationStep]:
     """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
@@ -82,7 +81,7 @@ def collocate(
             usual = max(candidate, 0.5 * usual)
             accepted += 1
             # at this rate the whole simulation needs accepted * duration / time steps
-            if accepted >= PROJECTED_AFTER and accepted * duration / time > MAX_STEPS:
+            if accepted >= projected_after and accepted * duration / time > max_steps:
                 raise _stalled_error(equations, time, candidate, "they are too many")
 
 

@@ -45,7 +45,6 @@ from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 MAX_CURVE_OFFSET = 0.05
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
-MAX_POINTS = 3000  # from a start in one direction
 
 
 class Evaluated(NamedTuple):
@@ -212,7 +211,7 @@ class Curve(NamedTuple):
 
     points: Points  # in order along the curve; a closed curve ends with its first point
     # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
-    # rank); or long (MAX_POINTS)
+    # rank); or long (`max_points` of `_trace_from`)
     ends: tuple[str, str]
 
 
@@ -263,6 +262,7 @@ def _trace_from(
     *,
     turn_share: float = 0.8,  # share of MAX_TANGENT_TURN at which the next step aims
     max_growth: float = 2.0,  # ratio of a step to the previous one
+    max_points: int = 3000,  # from a start in one direction
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
@@ -278,7 +278,7 @@ def _trace_from(
     traced = [start]
     step = min(FIRST_STEP, longest)
     curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
-    while len(traced) < MAX_POINTS:
+    while len(traced) < max_points:
         point = traced[-1]
         ahead = advance(equations, point, step, curvature)
         if ahead is None:

@@ -45,7 +45,6 @@ from framework.singularity.curve_tracing import (
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
-RANDOM_STARTS = 40  # number of random configurations from which the search begins
 # |det [dF/du ; t']| at a branch point over that of its neighbours. Closer by, the corrector loses digits.
 BRANCH_POINT_RATIO = 1e-6
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
@@ -107,7 +106,7 @@ def trace_locus(
     *,
     free: tuple[str, str] | None = None,
     reach: float = REGION_REACH,
-    starts: int = RANDOM_STARTS,
+    starts: int = 40,
     one_mode: bool = False,
     near: Sequence[Array] = (),
     longest: float = MAX_STEP,
