@@ -47,7 +47,6 @@ from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of a machine shop
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
-DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,7 +442,12 @@ class GaussNewton:
         )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(self, equations: ParameterEquations) -> None:
+    def _estimate_deviations(
+        self,
+        equations: ParameterEquations,
+        *,
+        width: float = 3.0,  # in deviations, of the intervals that Student's t widens
+    ) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
@@ -456,9 +460,9 @@ class GaussNewton:
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
-        # Student's quantile of the same probability as DEVIATIONS deviations of a normal distribution
+        # Student's quantile of the same probability as `width` deviations of a normal distribution
         if self.degrees_of_freedom >= 1.0:
-            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
+            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
     def _estimate_noise(
         self,

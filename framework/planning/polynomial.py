@@ -44,10 +44,8 @@ PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds a
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
-# Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
-# LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
+# laws that each round of the search draws for each open time or speed; largest number of rounds
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
-LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
 
 # from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
 Measure = Callable[[Array, Array], tuple[Array, Array]]
@@ -437,6 +435,8 @@ def _search_timings(
     *,
     # standard deviation in the first round, of times over the duration and of log speeds
     draw_spread: float = 0.1,
+    laws_per_survivor: int = 8,  # the best one in so many is kept in each round
+    min_spread: float = 1e-4,  # of the survivors' scores; below, the search ends
 ) -> tuple[Array, float]:
     """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
@@ -471,9 +471,9 @@ def _search_timings(
         # survivors of the round before stay in the race
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, score_laws(to_timings(drawn))])
-        survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
+        survivors = np.argsort(-scores, kind="stable")[: count // laws_per_survivor]
         laws, scores = laws[survivors], scores[survivors]
-        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - min_spread:
             break
         drawn = _draw_laws(random, count, laws, mean)
         mean = laws.mean(axis=0)
