@@ -236,11 +236,7 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
 
 
 def _nearest_singular(
-    centre: _Centre,
-    crossed: _RaySegments,
-    reach: float,
-    *,
-    max_starts: int = 8,  # of Newton's method for foot points, on the shortest rays that meet the locus
+    centre: _Centre, crossed: _RaySegments, reach: float, *, max_starts: int = 8
 ) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
@@ -316,12 +312,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(
-    centre: _Centre,
-    pose: _Poses,
-    *,
-    max_steps: int = 30,  # steps towards a foot point
-) -> _Poses | None:
+def _find_foot(centre: _Centre, pose: _Poses, *, max_steps: int = 30) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from z to the point of the linearised locus that is nearest to the centre, or RAY_STEP
@@ -407,12 +398,7 @@ def _choose_starts(offsets: Array) -> list[int]:
 
 
 @lru_cache(maxsize=8)
-def _sample_poses(
-    robot: ParallelRobot,
-    *,
-    walks: int = 64,  # number of random walks
-    walk_steps: int = 60,  # of each walk
-) -> tuple[Array, Array]:
+def _sample_poses(robot: ParallelRobot, *, walks: int = 64, walk_steps: int = 60) -> tuple[Array, Array]:
     """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
 
     Each of `walks` random walks keeps its direction until a step is refused, at Type 1 or the end of a range.

@@ -120,12 +120,7 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _format_row(
-    study: FidelityStudy,
-    comparison: Comparison,
-    *,
-    same_law: float = 1e-12,  # rounding in s of a law
-) -> str:
+def _format_row(study: FidelityStudy, comparison: Comparison, *, same_law: float = 1e-12) -> str:
     """Return the row of the table for one level."""
     name, indicators = comparison.level.name, study.indicators
     plan = torque = law = deflection = "-"

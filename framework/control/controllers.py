@@ -195,12 +195,7 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     )
 
 
-def solve_damped(
-    matrices: Array,
-    right: Array,
-    *,
-    fading_ratio: float = 0.1,  # share of the largest singular value below which singular values are damped
-) -> Array:
+def solve_damped(matrices: Array, right: Array, *, fading_ratio: float = 0.1) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
     The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be

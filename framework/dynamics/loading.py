@@ -271,12 +271,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
 
 
 def _correct_steps(
-    robot: ParallelRobot,
-    start: _Points,
-    ahead: _Prediction,
-    load: Load,
-    *,
-    max_iterations: int = 8,  # of Newton's method in a step
+    robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load, *, max_iterations: int = 8
 ) -> _Corrected:
     """Correct predicted steps `ahead` of the points `start` to the curve by Newton's method.
 

@@ -71,13 +71,7 @@ def panel_edges(
     return np.unique(np.concatenate([edges, *instants_of_knots]))
 
 
-def find_instants(
-    law: MotionLaw,
-    edges: Array,
-    s: float,
-    *,
-    newton_steps: int = 3,  # to a root of the law, from the root of its series
-) -> Array:
+def find_instants(law: MotionLaw, edges: Array, s: float, *, newton_steps: int = 3) -> Array:
     """Find all instants (k,) [s] with law(t) = s, ascending.
 
     The roots of the law's Chebyshev series are refined by Newton's method on the law itself.

@@ -225,11 +225,7 @@ def platform_stiffness(
 
 
 def _find_equilibrium(
-    robot: ParallelRobot,
-    q: Array,
-    wrench: ArrayLike | None,
-    *,
-    max_steps: int = 200,  # of Newton's method for the equilibrium, which converges quadratically at the end
+    robot: ParallelRobot, q: Array, wrench: ArrayLike | None, *, max_steps: int = 200
 ) -> tuple[Array, Load]:
     """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 

@@ -120,12 +120,7 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
     return np.sort(pivot_rows(matrix.T)[:rank])
 
 
-def format_combination(
-    names: Sequence[str],
-    coefficients: Array,
-    *,
-    max_terms: int = 8,  # of a combination in text
-) -> str:
+def format_combination(names: Sequence[str], coefficients: Array, *, max_terms: int = 8) -> str:
     """Format a combination of p parameters as text: `a + 0.25 b - c`.
 
     `names` and `coefficients` (p,) are those of all parameters; at most `max_terms` terms are named.

@@ -201,12 +201,7 @@ class _LowPass(NamedTuple):
     period: float  # [s] of the samples
     cutoff: float  # [Hz]
 
-    def filter(
-        self,
-        values: Array,
-        *,
-        order: int = 4,  # of Butterworth's filter
-    ) -> Array:
+    def filter(self, values: Array, *, order: int = 4) -> Array:
         """Filter values (samples, k) forwards and backwards, which cancels the delay."""
         from scipy.signal import butter, sosfiltfilt
 
@@ -215,12 +210,7 @@ class _LowPass(NamedTuple):
         padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
-    def differentiate(
-        self,
-        values: Array,
-        *,
-        spline_degree: int = 5,
-    ) -> Array:
+    def differentiate(self, values: Array, *, spline_degree: int = 5) -> Array:
         """Return filtered values (samples, k) and two time derivatives, (3, samples, k)."""
         from scipy.interpolate import make_interp_spline
 

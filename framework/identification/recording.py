@@ -87,19 +87,14 @@ def recording_columns(robot: ParallelRobot) -> Names:
     )
 
 
-def read_recording(
-    robot: ParallelRobot,
-    file: str | Path,
-    *,
-    largest_file: int = 200_000_000,  # bytes
-) -> Recording:
+def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int = 200_000_000) -> Recording:
     """Read a recording of a robot from a CSV file, ignoring unknown columns.
 
     Raises:
         InvalidInput: no such file; a row with too many or too few cells; a cell that is not a finite number;
             a repeated column; no column of this robot; motor angles in degrees. Messages name row and column.
     """
-    text = read_text(file, f"{file}", largest=largest_file)
+    text = read_text(file, f"{file}", largest=largest_bytes)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
     # the header must name columns of this robot, each once
@@ -197,11 +192,7 @@ def _is_in_degrees(angles: Array, reference: Array) -> bool:
     )
 
 
-def uniform_period(
-    recording: Recording,
-    *,
-    period_jitter: float = 1e-3,  # largest deviation of a time step, over the sampling period
-) -> float:
+def uniform_period(recording: Recording, *, period_jitter: float = 1e-3) -> float:
     """Return the sampling period [s].
 
     Raises:

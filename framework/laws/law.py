@@ -398,12 +398,7 @@ def _interior_values(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrices_for_search(
-    degree: int,
-    smoothness: int,
-    *,
-    search_samples: int = 16,  # per coefficient, of s' and s", in a search among many laws
-) -> tuple[Array, Array]:
+def _matrices_for_search(degree: int, smoothness: int, *, search_samples: int = 16) -> tuple[Array, Array]:
     """Return the matrices from coefficients (degree + 1,) of a law s to coefficients of p, and to samples.
 
     The law has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a Chebyshev

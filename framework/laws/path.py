@@ -241,11 +241,7 @@ def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
     return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
 
 
-def _test_intervals(
-    path: Path,
-    *,
-    difference_intervals: int = 9,  # between two knots, on which derivatives of a user's own path are tested
-) -> tuple[Array, Array]:
+def _test_intervals(path: Path, *, difference_intervals: int = 9) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
     Each panel, between two knots or ends of the path, has `difference_intervals` at equal distances.

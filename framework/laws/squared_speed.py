@@ -196,11 +196,7 @@ def evaluate_each(x: Array, series: Array) -> Array:
 
 
 def slowness_on_panels(
-    cells: Array,
-    z_series: Array,
-    stretch: Stretch,
-    *,
-    max_panels: int = 1024,  # of t(sigma)
+    cells: Array, z_series: Array, stretch: Stretch, *, max_panels: int = 1024
 ) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 

@@ -94,12 +94,7 @@ def _read_values(name: str, given: Any) -> list[float]:
         raise RobotFileError(str(error)) from None
 
 
-def _evaluate(
-    expression: str,
-    values: Mapping[str, float],
-    *,
-    max_characters: int = 200,
-) -> float:
+def _evaluate(expression: str, values: Mapping[str, float], *, max_characters: int = 200) -> float:
     """Compute the finite value of an arithmetic expression of parameters `values`."""
     where = f"${{{expression[:60]}}}"
     if len(expression) > max_characters:

@@ -466,11 +466,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
 
-def _list_names(
-    names: Sequence[str],
-    *,
-    max_names: int = 4,  # of springs or idle turns that are listed by name
-) -> str:
+def _list_names(names: Sequence[str], *, max_names: int = 4) -> str:
     """Return at most `max_names` names and the number of the rest, in words."""
     rest = len(names) - max_names
     return ", ".join(names[:max_names]) + (f" and {rest} more" if rest > 0 else "")

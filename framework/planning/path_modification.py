@@ -228,12 +228,7 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
-def _choose_intervals(
-    path: Path,
-    c: float,
-    *,
-    min_intervals: int = 9,  # least number of intervals of the bent spline
-) -> int:
+def _choose_intervals(path: Path, c: float, *, min_intervals: int = 9) -> int:
     """Choose the number of intervals of the bent spline.
 
     The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge

@@ -112,11 +112,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _find_balanced_law(
-    to_cross: PathToCross,
-    request: Request,
-    timing: Sequence[CrossingTime],
-    *,
-    max_balances: int = 40,  # of law and deflections, until the polynomial passes the crossings
+    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime], *, max_balances: int = 40
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 

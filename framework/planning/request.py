@@ -188,12 +188,7 @@ class Request(PlanOptions):
             ).advising({"smoothness": HIGHEST_SMOOTHNESS})
 
 
-def checked_smoothness(
-    robot: ParallelRobot,
-    smoothness: int | None,
-    *,
-    largest: int = 12,
-) -> int:
+def checked_smoothness(robot: ParallelRobot, smoothness: int | None, *, largest: int = 12) -> int:
     """Return the order up to which derivatives of s vanish at both ends.
 
     The default is the least valid one: the torques contain at least the derivatives of s up to this order.

@@ -78,12 +78,7 @@ class NewtonMap(NamedTuple):
 Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
-def widen_until_proved(
-    test: Callable[[Array], Tested],
-    radii: Array,
-    *,
-    max_tests: int = 6,  # of a box, which is widened after each test that fails
-) -> Tested:
+def widen_until_proved(test: Callable[[Array], Tested], radii: Array, *, max_tests: int = 6) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
     `test` takes radii (S, k) and returns its record of the boxes. At most `max_tests` tests are made. Wider
@@ -194,11 +189,7 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
     return widen_until_proved(test, 2 * first_image + MIN_RADIUS)
 
 
-def choose_chart(
-    z: ComplexArray,
-    *,
-    random_charts: int = 200,  # of which the best is taken
-) -> Array:
+def choose_chart(z: ComplexArray, *, random_charts: int = 200) -> Array:
     """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
 
     Of `random_charts` unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.

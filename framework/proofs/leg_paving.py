@@ -71,12 +71,7 @@ def are_leg_solutions_complete(
     return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
 
 
-def _is_paveable(
-    robot: ParallelRobot,
-    own: IntArray,
-    *,
-    max_joints: int = 4,  # of a leg that is paved
-) -> bool:
+def _is_paveable(robot: ParallelRobot, own: IntArray, *, max_joints: int = 4) -> bool:
     """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
@@ -139,11 +134,7 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
 
 
 def has_only_known_solutions(
-    equations: Equations,
-    region: Boxes,
-    known: KnownSolutions,
-    *,
-    max_boxes: int = 60_000,  # tested for a leg
+    equations: Equations, region: Boxes, known: KnownSolutions, *, max_boxes: int = 60_000
 ) -> bool:
     """Return whether the boxes of a region provably hold only known solutions; False if undecided.
 

@@ -27,12 +27,7 @@ RANDOM_STARTS = 300  # of a search for all solutions
 
 
 def find_joints_at_pose(
-    robot: ParallelRobot,
-    q: Array,
-    position: Array,
-    rotation: Array | None,
-    *,
-    start_count: int = 24,  # of the platform
+    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None, *, start_count: int = 24
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
@@ -112,12 +107,7 @@ def close_all_loops(
 
 
 def draw_starts(
-    robot: ParallelRobot,
-    q: Array,
-    columns: IntArray,
-    count: int,
-    *,
-    random_seed: int = 11,
+    robot: ParallelRobot, q: Array, columns: IntArray, count: int, *, random_seed: int = 11
 ) -> Array:
     """Draw configurations (count, nq): q (nq,) itself, then q with the joints `columns` at random.
 

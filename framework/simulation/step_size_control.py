@@ -133,7 +133,7 @@ def _try_step(
     tolerance: float,
     leniency: float,
     *,
-    newton_share: float = 0.01,  # share of the tolerance to which a step is solved
+    newton_share: float = 0.01,
 ) -> CollocationStep:
     """Solve a step from a guess that is extrapolated from the previous one.
 
@@ -163,11 +163,7 @@ def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolera
 
 
 def _step_growth(
-    equations: EquationsOfMotion,
-    step: CollocationStep,
-    tolerance: float,
-    *,
-    step_safety: float = 0.8,  # factor on the length that the estimate of the unresolved part allows
+    equations: EquationsOfMotion, step: CollocationStep, tolerance: float, *, step_safety: float = 0.8
 ) -> float:
     """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 

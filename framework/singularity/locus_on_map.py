@@ -209,11 +209,7 @@ def _sign_changes(g: Array) -> IntArray:
     return np.hstack([first, second])
 
 
-def _find_minima(
-    g: Array,
-    *,
-    max_minima: int = 24,  # number of minima of |g| from which curves start
-) -> IntArray:
+def _find_minima(g: Array, *, max_minima: int = 24) -> IntArray:
     """Find indices (t, 2) of the `max_minima` least local minima of |g| (I, J).
 
     At a minimum |g| is less than at all eight neighbours.

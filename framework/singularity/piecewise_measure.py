@@ -315,7 +315,7 @@ def extremum_near(
     *,
     # in s, of a panel about an extremum; halved while the series has a truncation error
     half_width: float = 0.04,
-    max_panels: int = 8,  # about an extremum
+    max_panels: int = 8,
 ) -> Extremum:
     """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 

@@ -183,11 +183,7 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _find_nearest_offsets(
-    group: _Group,
-    *,
-    enough_poses: int = 8,  # number of closed poses of a group after which the search ends
-) -> Array:
+def _find_nearest_offsets(group: _Group, *, enough_poses: int = 8) -> Array:
     """Find the smallest offsets (k,) that close a group's loops, from several starts.
 
     Raises:
