@@ -375,7 +375,7 @@ def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
 
     `position` has the prescribed translations of the platform's origin [m].
     """
-    distance, reach = float(np.linalg.norm(position)), _longest_reach(robot)
+    distance, reach = np.linalg.norm(position), _longest_reach(robot)
     if distance <= reach:
         return ""
     return (
@@ -408,7 +408,7 @@ def _closes_beyond(
 
     Newton's method starts from the last pose after all joints have moved slightly, in either direction.
     """
-    ahead = last.s + np.array(look_ahead)
+    ahead = last.s + look_ahead
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):
         return False
