@@ -268,13 +268,8 @@ class _TaylorMotion(NamedTuple):
         """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
         return type2_matrix(self.robot, self.evaluate(times).linearised)
 
-    def choose_half_panel(
-        self,
-        *,
-        # [rad, robot lengths] from the middle of the first panel to either end
-        max_joint_travel: float = 0.05,
-    ) -> float:
-        """Return the time t [s] in which no joint moves more than `max_joint_travel`.
+    def choose_half_panel(self, *, max_joint_travel: float = 0.05) -> float:
+        """Return the time t [s] in which no joint moves more than its travel [rad, robot lengths].
 
         Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk of the joints is not known,
         so that of the platform stands for it. Term k gives t = (k! travel / largest derivative)^(1/k).
@@ -346,13 +341,7 @@ class _TaylorMotion(NamedTuple):
                 wrench,
             )
 
-    def interpolate_forces(
-        self,
-        half_panel: float,
-        *,
-        # number of halvings of the panel, after which the torques count as not resolved
-        max_halvings: int = 8,
-    ) -> Forces:
+    def interpolate_forces(self, half_panel: float, *, max_halvings: int = 8) -> Forces:
         """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
 
         The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.

@@ -423,12 +423,7 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _update_weights(
-        self,
-        equations: ParameterEquations,
-        *,
-        huber_ratio: float = 2.0,  # of a residual to the noise, above which the instant's weight falls
-    ) -> float:
+    def _update_weights(self, equations: ParameterEquations, *, huber_ratio: float = 2.0) -> float:
         """Update the noise and Huber's weights of the instants; return the cost.
 
         The noise is estimated from the median residual. An instant with a residual r above the noise
@@ -442,12 +437,7 @@ class GaussNewton:
         )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(
-        self,
-        equations: ParameterEquations,
-        *,
-        width: float = 3.0,  # in deviations, of the intervals that Student's t widens
-    ) -> None:
+    def _estimate_deviations(self, equations: ParameterEquations, *, width: float = 3.0) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
@@ -465,11 +455,7 @@ class GaussNewton:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
     def _estimate_noise(
-        self,
-        equations: ParameterEquations,
-        residual: float,
-        *,
-        least_noise: float = 1e-3,  # residuals below this share of the assumed noise count as rounding
+        self, equations: ParameterEquations, residual: float, *, least_noise: float = 1e-3
     ) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
@@ -478,7 +464,7 @@ class GaussNewton:
         the effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements
         of Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals s^2 (N - r(s))
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
-        the noise is the assumed noise, s = 1.
+        the noise is the assumed noise, s = 1. Residuals below `least_noise` are rounding.
         """
         count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)

@@ -401,8 +401,7 @@ def _score_laws(
     measure: Measure,
     timings: Array,
     *,
-    # of the duration: least time between crossings, and from crossings to the ends
-    min_separation: float = 1e-3,
+    min_separation: float = 1e-3,  # of crossings from each other and from the ends, over the duration
 ) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 

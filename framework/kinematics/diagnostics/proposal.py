@@ -248,17 +248,11 @@ def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
     return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
 
 
-def _choose_best_motors(
-    motions: LoopMotions,
-    names: Names,
-    *,
-    # number of sets of motors compared one by one; if there are more, pivoting chooses
-    max_choices: int = 20_000,
-) -> list[str]:
+def _choose_best_motors(motions: LoopMotions, names: Names, *, max_choices: int = 20_000) -> list[str]:
     """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
-    Conditioned best are the rates with the largest least singular value. If the choices are too many to
-    compare, pivoting chooses.
+    Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
+    pivoting chooses.
 
     Raises:
         RobotFileError: two choices are equally good.
