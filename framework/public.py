@@ -41,8 +41,9 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import velocity_matrices
+from framework.laws.curves import Arc, Polyline, Spline
 from framework.laws.law import Condition, Law
-from framework.laws.path import Arc, Line, Polyline, Spline
+from framework.laws.path import Line
 from framework.planning.plan import plan_crossing
 from framework.planning.plan_study import plan_study
 from framework.planning.result import CrossingPlan

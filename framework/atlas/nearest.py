@@ -49,11 +49,6 @@ from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
-MAX_STARTS = 8  # of Newton's method for foot points, on the shortest rays that meet the locus
-MAX_FOOT_STEPS = 30  # steps towards a foot point
-# halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
-MAX_HALVINGS, COARSE_HALVINGS = 45, 10
-WALKS, WALK_STEPS = 64, 60  # random walks that sample poses; steps of each
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]
 STARTS = 3  # largest number of searches for the pose nearest to a target
 START_DISTANCE = 2 * MAX_WALK_STEP  # least distance between their starts
@@ -240,16 +235,18 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
     return join(crossed), join(ended)
 
 
-def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
+def _nearest_singular(
+    centre: _Centre, crossed: _RaySegments, reach: float, *, max_starts: int = 8
+) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
-    its sign by a jump to another branch. The foot points are sought from the nearest MAX_STARTS sign changes
+    its sign by a jump to another branch. The foot points are sought from the nearest `max_starts` sign changes
     on the segments `crossed`. `reach` is in robot lengths and rad.
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
-    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), MAX_STARTS))]
+    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), max_starts))]
     candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
     return min(within_reach, key=lambda pose: pose.distance, default=None)
@@ -271,14 +268,20 @@ def _least_singular_values(matrices: Array) -> Array:
     return singular_values(matrices)[:, -1]
 
 
-def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
+def _locate_ends(
+    centre: _Centre,
+    segments: _RaySegments,
+    *,
+    max_halvings: int = 45,  # of a step on the nearest ray, down to rounding
+    coarse_halvings: int = 10,  # on all rays, enough to find the nearest
+) -> _Poses:
     """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
     The nearest pose is located to rounding; for the other segments a few halvings are enough.
     """
-    coarse = _bisect_segments(centre, segments, COARSE_HALVINGS)
+    coarse = _bisect_segments(centre, segments, coarse_halvings)
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
-    fine = _bisect_segments(centre, select(coarse, order[:1]), MAX_HALVINGS - COARSE_HALVINGS)
+    fine = _bisect_segments(centre, select(coarse, order[:1]), max_halvings - coarse_halvings)
     ends = join([fine, select(coarse, order[1:])])
     return _Poses(ends.q, ends.start)
 
@@ -310,7 +313,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
+def _find_foot(centre: _Centre, pose: _Poses, *, max_steps: int = 30) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from the pose's offset z to the point of the linearised locus that is nearest to the
@@ -318,7 +321,7 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
     to RANK_LOST.
     """
-    for _ in range(MAX_FOOT_STEPS):
+    for _ in range(max_steps):
         # the step to the point of the linearised locus
         try:
             g, a = _linearise_g(centre, pose)
@@ -398,31 +401,31 @@ def _choose_starts(offsets: Array) -> list[int]:
 
 
 @lru_cache(maxsize=8)
-def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
+def _sample_poses(robot: ParallelRobot, *, walks: int = 64, walk_steps: int = 60) -> tuple[Array, Array]:
     """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
 
-    Each of WALKS random walks keeps its direction until a step is refused, at Type 1 or the end of a range.
+    Each of `walks` random walks keeps its direction until a step is refused, at Type 1 or the end of a range.
     Then it continues in a new random direction. All poses of all walks are samples.
     """
     random = np.random.default_rng(0)
     # where the walks are
-    q = np.tile(robot.reference.q, (WALKS, 1))
-    x = np.tile(robot.reference.x, (WALKS, 1))
+    q = np.tile(robot.reference.q, (walks, 1))
+    x = np.tile(robot.reference.x, (walks, 1))
     samples_q = [q]
     samples_x = [x]
     direction = np.zeros_like(x)
     # whether the last step of each walk was accepted; false, so that each walk gets a first direction
-    accepted = np.zeros(WALKS, dtype=bool)
-    for _ in range(WALK_STEPS):
+    accepted = np.zeros(walks, dtype=bool)
+    for _ in range(walk_steps):
         # draw a direction for every walk, but use it only for walks that were refused
         new_direction = random.standard_normal(x.shape)
         new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
         direction[~accepted] = new_direction[~accepted]
 
-        length = MAX_WALK_STEP * random.random((WALKS, 1))
+        length = MAX_WALK_STEP * random.random((walks, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)
-        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (WALKS,) a joint's range
+        beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)  # (walks,) a joint's range
         accepted = (step.reason == PoseReason.REACHED) & ~beyond
         q = np.where(accepted[:, None], step.q, q)
         x = np.where(accepted[:, None], target, x)

@@ -20,11 +20,6 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 EDGE_POSES, MAX_EDGE_POSES = 200, 4000  # poses along an edge of a map: usual and largest number
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
-FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one must be assembled
-SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
-SURVEY_REACH = 1.6  # [robot lengths, rad] half an edge of the first survey
-SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
-SURVEYS = 3  # each of the window that the previous one has found
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +94,13 @@ def survey_window(
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
     keep_limits: bool = False,
+    survey_edge_poses: int = 33,  # poses along an edge of a survey
+    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of the first survey
+    surveys: int = 3,  # each of the window that the previous one has found
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    The first of `SURVEYS` surveys covers `SURVEY_REACH` about the point `at` with coarse poses. Each further
+    The first of `surveys` surveys covers `survey_reach` about the point `at` with coarse poses. Each further
     one covers the window that the previous one has found.
 
     Args:
@@ -118,21 +116,29 @@ def survey_window(
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
     middle = point[list(columns)]
-    half_edges = SURVEY_REACH * robot.platform_scale[list(columns)]
+    half_edges = survey_reach * robot.platform_scale[list(columns)]
     outermost = Window(
         axes=columns,
         lower=middle - half_edges,
         upper=middle + half_edges,
-        shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
+        shape=(survey_edge_poses, survey_edge_poses),
         constants=point,
     )
     window = outermost  # of the first survey; no other window reaches beyond it
-    for _ in range(SURVEYS):
+    for _ in range(surveys):
         window = _reached_window(robot, window, outermost, keep_limits)
     return replace(window, shape=(size, size))
 
 
-def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, keep_limits: bool) -> Window:
+def _reached_window(
+    robot: ParallelRobot,
+    survey: Window,
+    outermost: Window,
+    keep_limits: bool,
+    *,
+    # [cells] beyond the outermost reached poses, for poses that the survey leaves out
+    margin_cells: float = 2.0,
+) -> Window:
     """Return the window about the reached poses of a survey, with a margin.
 
     Args:
@@ -146,7 +152,7 @@ def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, kee
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     counted = within if keep_limits and within.any() else reached
     indices = np.argwhere(counted)  # (poses, 2) rows and columns
-    margin = SURVEY_MARGIN * survey.cell
+    margin = margin_cells * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
     cut_lower = np.maximum(lower, outermost.lower)
@@ -154,7 +160,13 @@ def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, kee
     return replace(survey, lower=cut_lower, upper=cut_upper)
 
 
-def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
+def seed_poses(
+    robot: ParallelRobot,
+    window: Window,
+    stride: int,
+    *,
+    first_pose_tries: int = 9,  # number of poses nearest to the reference of which one must be assembled
+) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
@@ -186,7 +198,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
 
     # the coarse poses, from those nearest to the reference
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
-    nearest = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]  # flat indices
+    nearest = np.argsort(distance, axis=None, kind="stable")[:first_pose_tries]  # flat indices
     candidates = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
     i, j, first_q = _assemble_first(robot, x, candidates)
     q[i, j] = first_q

@@ -26,7 +26,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import BRANCHES_CROSS
 
-NEWTON_STEPS = 10  # largest number that corrects a prediction
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
 
@@ -147,7 +146,9 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     return ends
 
 
-def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
+def _step_once(
+    robot: ParallelRobot, q: Array, start: Array, end: Array, *, newton_steps: int = 10
+) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
     A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
@@ -165,7 +166,7 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
 
     # correct, and judge the steps that close
     corrected, end_linearised, closed = close_each(
-        robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_NEWTON_STEP
+        robot, end, predicted, iterations=newton_steps, farthest=MAX_NEWTON_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     closed_steps = np.flatnonzero(closed)

@@ -15,17 +15,17 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.path import Line, Path, Polyline
+from framework.laws.curves import Polyline
+from framework.laws.path import Line, Path
 from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
-from framework.numerics.fields import number
+from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import Document, write_file, written_together
 from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import (
     DEFAULT_ROWS,
-    MAX_SAMPLES,
     MotionTable,
     motion_columns,
     select_columns,
@@ -268,7 +268,7 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
         raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
             {"samples": None}
         )
-    least, most = 1.0 / plan.duration, (MAX_SAMPLES - 1) / plan.duration
+    least, most = 1.0 / plan.duration, (MAX_ROWS - 1) / plan.duration
     if not least <= options.rate <= most:
         raise InvalidInput(
             f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"

@@ -30,7 +30,6 @@ from framework.planning.options import LIMITS
 from framework.planning.plan_facts import torque_text
 
 STUDY_FILE = "fidelity.json"
-SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # rounding in s of a law; error from which on > 1000 % is printed
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -128,7 +127,7 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
+def _format_row(study: FidelityStudy, comparison: Comparison, *, same_law: float = 1e-12) -> str:
     """Return the row of the table for one level."""
     name = comparison.level.name
     indicators = study.indicators
@@ -137,7 +136,7 @@ def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
         plan = f"{1e3 * comparison.seconds:.0f} ms"
         torque = _format_percent(comparison.torque)
         difference = study.law_difference(comparison)
-        law = "same" if difference <= SAME_LAW else f"{difference:.1e}"
+        law = "same" if difference <= same_law else f"{difference:.1e}"
         if comparison.deflection is not None:
             deflection = "{} {:.2g}".format(*comparison.deflection)
     platform, predicted = map(_format_percent, (comparison.platform, indicators.error[name]))
@@ -151,11 +150,15 @@ def _format_remarks(comparison: Comparison) -> list[str]:
     return [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
 
 
-def _format_percent(share: float) -> str:
+def _format_percent(
+    share: float,
+    *,
+    largest: float = 10.0,  # error from which on > 1000 % is printed
+) -> str:
     """Format a share in per cent, with rounding errors as 0."""
     if not np.isfinite(share):
         return "-"
-    if share >= LARGEST_SHARE:
+    if share >= largest:
         return "> 1000 %"
     return format_percent(share if share >= ERROR_ROUNDING else 0.0)
 

@@ -16,8 +16,6 @@ from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE,
 from framework.identification.identify import Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
-MIN_CHANGE = 1e-3  # least change of a parameter that is reported, over its standard deviation
-
 CALIBRATED = """\
 {0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
 {0.combinations.gap:.1e}), {0.instants} poses, {0.steps} steps
@@ -80,7 +78,11 @@ def _noise_text(calibration: Calibration) -> str:
     )
 
 
-def calibration_lines(calibration: Calibration) -> list[str]:
+def calibration_lines(
+    calibration: Calibration,
+    *,
+    min_change: float = 1e-3,  # least change of a parameter that is reported, over its standard deviation
+) -> list[str]:
     """Return the report on a calibration, in words."""
     names = calibration.geometry.names
     measured = calibration.measured
@@ -92,7 +94,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         lines.append("  {}\t{:.2e}\t{:.2e}".format(*error))
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     for name, value, deviation in zip(names, calibration.values, calibration.deviations, strict=True):
-        if abs(value) > MIN_CHANGE * deviation:
+        if abs(value) > min_change * deviation:
             lines.append(f"  {name}\t{value:.2e}\t{deviation:.1e}")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")

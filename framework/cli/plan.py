@@ -27,12 +27,13 @@ from framework.cli.parser import (
 )
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.kinematics.mistaken_units import remarks_on_bodies
+from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
+from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MIN_SAMPLES, MotionTable
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
     ADVANCES,
@@ -80,7 +81,7 @@ def add_plan_options(parser: OneLineParser) -> None:
     add_out(parser, "write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples",
-        type=integer_between(MIN_SAMPLES, MAX_SAMPLES),
+        type=integer_between(MIN_ROWS, MAX_ROWS),
         metavar="N",
         help=f"rows of motion.csv (default: {DEFAULT_ROWS})",
     )

@@ -24,10 +24,10 @@ from framework.cli.parser import (
 from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
+from framework.kinematics.assembly import remark_on_turns
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
-from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.continuation.tracking import assemble, remark_on_reach
 from framework.kinematics.diagnostics.diagnosis import describe_pose
-from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, select_fields

@@ -140,7 +140,6 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
 SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
-MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
 FRICTION_SMOOTHING = 0.02  # share of the largest planned motor speed below which friction is smoothed
 MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
@@ -312,12 +311,19 @@ def _judge(
     )
 
 
-def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
+def _have_diverged(
+    ref: Reference,
+    q: Array,
+    v: Array,
+    *,
+    # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
+    max_joint_step: float = 3.0,
+) -> BoolArray:
     """Return a mask (R,) of the runs with joints that are not finite or too fast.
 
     q (R, nq) and v (R, nv) are the configurations and the joint rates of the runs.
     """
-    is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale  # false for NaN
+    is_slow = np.abs(v) * ref.period < max_joint_step * ref.robot.column_scale  # false for NaN
     is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
     return np.asarray(~is_valid)
 

@@ -41,7 +41,6 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import cross, singular_values
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
-MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is refused
 # [rad, robot lengths]: the last Newton step is smaller. It is the error of the rates, since T is computed
 # before the step; the error of the pose is its square
 LAST_STEP = 1e-10
@@ -211,7 +210,7 @@ class ControlCycle:
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max(initial=0.0))
 
-    def _predict_and_correct(self, target: Array) -> Array | None:
+    def _predict_and_correct(self, target: Array, *, max_iterations: int = 5) -> Array | None:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
@@ -229,7 +228,7 @@ class ControlCycle:
         # correct: each Newton step must be smaller than the one before it
         correction = np.zeros(len(prediction))  # sum of all Newton steps
         previous_size = MAX_PREDICTOR_MOVE
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(max_iterations):
             size = self._linearise(q)
             if not size < previous_size:  # Newton's method diverges, or P is singular
                 return None

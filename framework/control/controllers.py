@@ -134,9 +134,6 @@ def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> A
 # ------------------------------------------------------------------ controllers
 
 
-FADING_RATIO = 0.1  # share of the largest singular value below which singular values are damped
-
-
 class RobotState(NamedTuple):
     """Configuration and platform of R runs with their rates, measured or estimated."""
 
@@ -199,31 +196,23 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     )
 
 
-def solve_damped(matrices: Array, right: Array) -> Array:
+def solve_damped(matrices: Array, right: Array, *, fading_ratio: float = 0.1) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
     The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be
-    FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
+    `fading_ratio` times the largest singular value. The inverse of a singular value sigma below t is
     sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
     NaN for a matrix that is not finite; the decomposition of such a matrix would raise an error for all R of
     them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
-    threshold = FADING_RATIO * sigma[:, :1]
+    threshold = fading_ratio * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
         damped_inverse = sigma / threshold**2
         inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), damped_inverse)
     components = inverse * matvec(U.transpose(0, 2, 1), right)  # along the right singular vectors
     return np.where(is_finite, matvec(V_rows.transpose(0, 2, 1), components), np.nan)
-
-
-# natural frequencies [rad/s], critically damped: of each motor under feedforward, of the platform under
-# computed torque
-FREQUENCY, COMPUTED_TORQUE_FREQUENCY = 40.0, 20.0
-POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] with equal cost for LQR
-# share of the damping that stops a rotor within one sampling period; a share of 2 is unstable
-MAX_SAMPLED_DAMPING = 0.5
 
 
 # ------------------------------------------------------------------ feedforward
@@ -237,18 +226,23 @@ class FeedforwardPD:
     feedback: MotorControl  # gains k_p, k_d of each motor
 
     @staticmethod
-    def tune(reference: Reference) -> FeedforwardPD:
-        """Tune each motor to the natural frequency FREQUENCY, critically damped.
+    def tune(
+        reference: Reference,
+        *,
+        frequency: float = 40.0,  # [rad/s] natural, of each motor
+        max_sampled_damping: float = 0.5,  # share of that which stops a rotor in a period; 2 is unstable
+    ) -> FeedforwardPD:
+        """Tune each motor to a natural frequency, critically damped.
 
         The inertia is that of a motor moving alone at the start of the motion. If the robot has springs, a
         fast motion of a motor moves only its rotor. Then the frequency w is lowered so far that the damping
-        gain k_d = 2 w inertia is at most MAX_SAMPLED_DAMPING times rotor inertia over sampling period.
+        gain k_d = 2 w inertia is at most `max_sampled_damping` times rotor inertia over sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
-        w = np.full(robot.n_a, FREQUENCY)
+        w = np.full(robot.n_a, frequency)
         if robot.n_e and robot.rotor_inertia.all():
-            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * inertia * reference.period)
+            highest = max_sampled_damping * robot.rotor_inertia / (2 * inertia * reference.period)
             w = np.minimum(w, highest)
         return FeedforwardPD(reference, MotorControl.of(inertia, w))
 
@@ -274,12 +268,17 @@ class TimeVaryingLQR:
     gain: Array  # (K, n_a, 2n)
 
     @staticmethod
-    def tune(reference: Reference) -> TimeVaryingLQR:
+    def tune(
+        reference: Reference,
+        *,
+        position_deviation: float = 1e-3,  # [robot lengths]
+        speed_deviation: float = 2e-2,  # [robot lengths/s]
+    ) -> TimeVaryingLQR:
         """Compute the gains of least quadratic cost.
 
         The cost is the integral of e' Q e + u' R u for errors e = [x error; dx error] and torque corrections
-        u. The weights are diagonal: 1 / POSITION_DEVIATION^2 for positions, 1 / SPEED_DEVIATION^2 for speeds
-        and 1 / (peak torque of the plan)^2 for torques.
+        u. The weights are diagonal: 1 / `position_deviation`^2 for positions, 1 / `speed_deviation`^2 for
+        speeds and 1 / (peak torque of the plan)^2 for torques.
 
         Raises:
             InvalidInput: the robot has springs.
@@ -291,7 +290,7 @@ class TimeVaryingLQR:
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
         # (2, n) deviations of equal cost, of positions and of speeds, in the units of each coordinate
-        deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
+        deviations = np.outer([position_deviation, speed_deviation], robot.platform_scale)
         Q = np.diag(1 / deviations.ravel() ** 2)
         R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
         A, B = linearise_error(reference)  # of the error dynamics
@@ -368,6 +367,7 @@ class ComputedTorque:
 
     reference: Reference
     multipliers: Array | None  # (K, m) of the plan, for the aware controller; None for the naive one
+    frequency: float = 20.0  # [rad/s] natural, of the platform, critically damped
 
     @staticmethod
     def tune(reference: Reference, *, aware: bool) -> ComputedTorque:
@@ -395,7 +395,7 @@ class ComputedTorque:
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
-        w = COMPUTED_TORQUE_FREQUENCY  # critically damped: k_d = 2 w, k_p = w^2
+        w = self.frequency  # critically damped: k_d = 2 w, k_p = w^2
         # the commanded acceleration (R, n) of the platform: planned, plus feedback of errors
         ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
 

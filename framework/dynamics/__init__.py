@@ -4,7 +4,7 @@ Torques along a path, with a certificate
     inverse_dynamics        torques of a law on a path, on finer and finer grids until the series are resolved
     forces                  forces of the open tree, the motor and spring forces that balance them, and their
                             first-order changes
-    elasticity              deflections in balance with their forces, by passes; `elastic_pass` is one pass
+    elasticity              deflections in balance with their forces, by passes
     restoration             balance of law and deflections by Gauss-Newton, if the passes do not converge; it
                             uses `balance_equations`, `loaded_balance` and `deflection_splines`;
                             `loaded_measure` is the distance of that balance from singularity

@@ -36,12 +36,11 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Clock, OnParameter, OptimalLaw
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
 from framework.numerics.ordered_sums import matvec
+from framework.numerics.splines import BandedFactor, banded_rows, column_sizes
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
-NEGLIGIBLE_SPRING = 1e-3  # rate or acceleration over that of the quickest spring; below, rest counts less
 
 
 class SampledMotion(NamedTuple):
@@ -313,7 +312,13 @@ class BalanceEquations:
         """The laws with one scalar of plus and of minus its step, for each scalar."""
         return [(self.family(change), self.family(-change)) for change in np.diag(self.steps)]
 
-    def _rest_matrix(self, state: BalanceState) -> Array:
+    def _rest_matrix(
+        self,
+        state: BalanceState,
+        *,
+        # rate or acceleration over that of the quickest spring; below, rest counts less
+        negligible_spring: float = 1e-3,
+    ) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
         Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
@@ -335,7 +340,7 @@ class BalanceEquations:
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
         # a spring that hardly moves counts by the largest motion of all springs
-        weights = 1.0 / np.maximum(sizes, NEGLIGIBLE_SPRING * np.where(largest > 0.0, largest, 1.0))
+        weights = 1.0 / np.maximum(sizes, negligible_spring * np.where(largest > 0.0, largest, 1.0))
         weights[1] *= MAX_END_RATE / MAX_END_ACCELERATION  # accelerations may be larger at the ends
         # order o, end p, spring e; spline s of spring f: each spring depends on its own coefficients alone
         by_series = np.einsum("ops,oe,ef->opesf", rows, weights, np.eye(len(self.units)))

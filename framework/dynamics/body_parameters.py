@@ -14,7 +14,7 @@ import pinocchio as pin
 from framework.kinematics.frames import scratch_of
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.motion_rates import Motion
-from framework.kinematics.tree_model import link_axes
+from framework.kinematics.tree_model import link_axes, link_of
 from framework.numerics.arrays import Array, IntArray, read_only
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -58,13 +58,6 @@ def _link_to_joint_transforms(robot: Mechanism) -> Array:
     """Return the matrices (bodies, 10, 10) from parameters on link axes to parameters on joint axes."""
     joints = range(1, robot.model.njoints)
     return np.stack([parameter_transform(link_axes(robot.model, j)) for j in joints])
-
-
-def link_of(model: pin.Model, j: int) -> str:
-    """Return the name of the first link fixed to joint j; without a link, the name of the joint."""
-    body = pin.FrameType.BODY
-    names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
-    return str(next(names, model.names[j]))
 
 
 def link_parameters(model: pin.Model, j: int) -> Array:

@@ -15,8 +15,7 @@ import numpy as np
 
 from framework.laws.optimal_law import Clock
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
-from framework.numerics.banded_rows import BandedFactor, banded_rows
-from framework.numerics.splines import find_intervals, spline_values
+from framework.numerics.splines import BandedFactor, banded_rows, find_intervals, spline_values
 
 SPLINE_DEGREE = 13  # high, so that deflections which are smooth need few cells
 NODES_PER_SPLINE = 2  # more equations than unknowns: the least squares choose smooth deflections at Type 2

@@ -18,33 +18,44 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.elastic_pass import (
-    Pass,
-    evaluate_deflected_motion,
-    evaluate_pass,
-    motion_with_deflections,
-    spring_scale,
-)
-from framework.dynamics.forces import Forces
+from framework.dynamics.forces import Forces, joint_forces
 from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.frames import integrate, integrate_columns
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import MotionLaw
+from framework.laws.law import MotionLaw, law_derivatives
+from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-GOOD_CONTRACTION = 0.3  # change by a pass over the change by the last pass; above this ratio, passes end
-DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change that is rounding, however small the deflections
 # chooses the law for given deflections and the law of the last pass; both are None before the first pass
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
+
+
+class Pass(NamedTuple):
+    """A motion with deflections on the time nodes, its forces, and the deflections caused."""
+
+    law: MotionLaw
+    deflections: TimeFunction  # (n_e) [rad, m] of the motion
+    q_e: Array  # (T, n_e) their values at the nodes
+    motion: Motion
+    forces: Forces
+    caused: Array  # (T, n_e) deflections that the forces cause
+
+    @property
+    def residual(self) -> Array:
+        """The caused deflections minus the deflections of the motion (T, n_e); zero in balance."""
+        return self.caused - self.q_e
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +111,14 @@ def solve_deflections(
 
 
 def _iterate_passes(
-    branch: Branch, grid: TimeGrid, choose_law: LawChoice, tolerance: float, current: Pass
+    branch: Branch,
+    grid: TimeGrid,
+    choose_law: LawChoice,
+    tolerance: float,
+    current: Pass,
+    *,
+    # change by a pass over the change by the last pass; above this ratio, passes end
+    good_contraction: float = 0.3,
 ) -> DeflectionSolution:
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
@@ -119,14 +137,14 @@ def _iterate_passes(
         change = _relative_size(robot, resolved_change, current)
         truncation = _relative_size(robot, current.residual - resolved_change, current)
         # before the second pass the contraction is unknown, and assumed
-        contraction = change / last_change if np.isfinite(last_change) else GOOD_CONTRACTION
+        contraction = change / last_change if np.isfinite(last_change) else good_contraction
         solution = _solution_of_pass(robot, grid, current, current.deflections, passes)
         # change * contraction estimates the change by the next pass
         if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
             return replace(solution, deflections=following)
         if change <= truncation:  # this grid cannot resolve a smaller change
             return solution
-        if contraction > GOOD_CONTRACTION:  # further passes would not settle, or take too long
+        if contraction > good_contraction:  # further passes would not settle, or take too long
             break
         last_change = change
         try:
@@ -205,7 +223,14 @@ def _solution_of_pass(
     )
 
 
-def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:
+def _relative_size(
+    robot: ParallelRobot,
+    residual: Array,
+    current: Pass,
+    *,
+    # [rad, robot lengths] a change that is rounding, however small the deflections
+    deflection_rounding: float = 1e-18,
+) -> float:
     """Return the largest ratio of a residual (T, n_e) to the largest deflection or spring force.
 
     A residual is compared as a deflection with the largest deflection, and as a force with the largest force;
@@ -218,10 +243,87 @@ def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> floa
     """
     scale = spring_scale(robot)
     stiffness = robot.stiffness
-    if np.abs(residual / scale).max(initial=0.0) <= DEFLECTION_ROUNDING:
+    if np.abs(residual / scale).max(initial=0.0) <= deflection_rounding:
         return 0.0
     caused = np.abs(current.caused)
     largest_deflection = float((caused / scale).max())  # [rad, robot lengths]
     largest_force = float((caused * stiffness * scale).max())  # as a moment
     weights = np.maximum(1.0 / (scale * largest_deflection), stiffness * scale / largest_force)  # (n_e,)
     return float((np.abs(residual) * weights).max())
+
+
+# ------------------------------------------------------------------ one pass
+
+
+def evaluate_pass(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
+) -> Pass:
+    """Compute motion and forces with given deflections, and the caused deflections -force/K.
+
+    Args:
+        deflections: deflections (n_e) as a function of time.
+        neighbour: a pass with similar deflections, from whose configurations the loops are closed; None to
+            close the loops from the branch.
+
+    Raises:
+        NotAssembled: the deflections tear the loops.
+    """
+    q_e, motion = evaluate_deflected_motion(branch, grid, law, deflections, neighbour)
+    forces = joint_forces(branch.robot, motion)
+    caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
+    return Pass(law, deflections, q_e, motion, forces, caused)
+
+
+def evaluate_deflected_motion(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
+) -> tuple[Array, Motion]:
+    """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid.
+
+    Args:
+        branch: configurations along the path, springs at rest.
+        grid: T nodes in time.
+        deflections: deflections (n_e) as a function of time.
+        neighbour: a pass on the same grid with similar deflections, if available.
+    """
+    at_nodes = grid.values(deflections)  # the deflections and two time derivatives, (T, n_e) each
+    return at_nodes[0], motion_with_deflections(branch, grid.times, law, at_nodes, neighbour)
+
+
+def motion_with_deflections(
+    branch: Branch,
+    times: Array,
+    law: MotionLaw,
+    deflections: tuple[Array, Array, Array],
+    neighbour: Pass | None = None,
+) -> Motion:
+    """Compute the motion of all joints at instants (T,) with given deflections.
+
+    The loops are closed by Newton's method from a guess: the branch's configurations with the springs
+    deflected or, nearer, one step along the tangent from a neighbour.
+
+    Args:
+        branch: configurations along the path, springs at rest.
+        times: instants [s].
+        deflections: values, first and second time derivatives, each (T, n_e).
+        neighbour: a pass at the same instants with similar deflections; None without one.
+    """
+    robot = branch.robot
+    q_e, *deflection_rates = deflections
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
+    if neighbour is None:
+        guess = integrate_columns(robot, branch.guess(s_and_rates[0]), robot.elastic, q_e)
+    else:  # the neighbour's loop equations are already factored, so a step along the tangent is cheap
+        linearised = neighbour.motion.linearised
+        # (T, n) twist from the neighbour's pose to x
+        platform_step = -robot.platform.residual(linearised.frames, x)
+        step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
+        guess = integrate(robot, neighbour.motion.q, step)
+    closed = close_loops(robot, x, guess)
+    # the motion, under the external wrenches at these s
+    return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s_and_rates[0])
+
+
+def spring_scale(robot: ParallelRobot) -> Array:
+    """Return scales (n_e,): the robot's length for springs that stretch, 1 for springs that turn."""
+    return robot.column_scale[robot.elastic]

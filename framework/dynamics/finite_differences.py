@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elastic_pass import motion_with_deflections
+from framework.dynamics.elasticity import motion_with_deflections
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
     LawChoice,
+    Pass,
     assess_deflections,
     solve_deflections,
 )
@@ -77,7 +77,6 @@ from framework.tolerances import (
 GEOMETRIES = ("rigid", "deformed")
 # numbers of nodes per panel, tried in turn; the first one is for laws that have panels of their own
 SIZES = (20, 64, 128, 256, 512)
-MAX_USABLE_CHANGE = 1e-2  # relative, of the deflections by one more pass; above, they are discarded
 
 
 def inverse_dynamics(
@@ -195,6 +194,8 @@ def resolve(
     tolerance: float,
     friction: str,
     known: KnownDeflections | None = None,
+    # relative, of the deflections by one more pass; above, they are discarded
+    max_usable_change: float = 1e-2,
 ) -> InverseDynamics:
     """Compute torques on finer and finer grids until their series are resolved.
 
@@ -233,7 +234,7 @@ def resolve(
     for size in sizes:
         # motion and forces on the grid; without usable deflections there is no result
         solution = refinement.solve(size)
-        if solution.change > MAX_USABLE_CHANGE:
+        if solution.change > max_usable_change:
             if not solution.is_settled:
                 break
             continue

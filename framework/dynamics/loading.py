@@ -49,7 +49,6 @@ from framework.tolerances import BRANCH_STEP_SHARE, EIGENVALUE_ROUNDING, NEWTON_
 MAX_SHARE_GAP = 0.1
 UNCHECKED_MOTION = 1e-7  # [rad, robot lengths] shorter steps are too short for a fold, and are not halved
 MAX_STEPS = 1000  # along the curve; most robots take one, and steps of 0.1 rad soon exceed any deflection
-MAX_ITERATIONS = 8  # of Newton's method in a step
 
 
 class LoadReason(IntEnum):
@@ -274,7 +273,9 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     return _Prediction(motion, tangent, share, is_whole, size=size_to_end * fraction)
 
 
-def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
+def _correct_steps(
+    robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load, *, max_iterations: int = 8
+) -> _Corrected:
     """Correct predicted steps `ahead` of the points `start` to the curve by Newton's method.
 
     A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
@@ -287,7 +288,7 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
     correction = np.zeros(len(length))  # largest entries of all Newton steps so far, [rad, lengths]
     was_small, converged, is_stable = np.zeros((3, len(length)), dtype=bool)
     live = np.arange(len(length))  # indices of the steps still corrected
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(max_iterations):
         residuals = evaluate_equilibrium(
             robot, end.q[live], load.select(live)._replace(share=end.share[live])
         )

@@ -24,9 +24,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.body_parameters import link_of
-from framework.dynamics.elastic_pass import spring_scale
-from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.elasticity import DeflectionSolution, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
@@ -37,7 +35,7 @@ from framework.kinematics.linearised_loops import ClosedStack, linearised_at, ty
 from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tree_model import is_ball
+from framework.kinematics.tree_model import is_ball, link_of
 from framework.laws.law import law_derivatives
 from framework.laws.path import PointPath, time_derivatives
 from framework.numerics.arrays import Array

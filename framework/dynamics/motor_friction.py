@@ -18,7 +18,6 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")  # the first one is the default
-SPEED_SAMPLES = 1001  # instants at which signs are sampled; two reversals between samples stay unseen
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
@@ -54,7 +53,14 @@ class PlannedFriction(ReadOnlyArrays):
     between: tuple[Array, ...]
 
     @staticmethod
-    def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
+    def from_speed(
+        size: Array,
+        speed: Callable[[Array], Array],
+        duration: float,
+        *,
+        # instants at which signs are sampled; two reversals between samples stay unseen
+        speed_samples: int = 1001,
+    ) -> PlannedFriction | None:
         """Return the friction along a motion; None if all sizes are zero.
 
         Args:
@@ -64,7 +70,7 @@ class PlannedFriction(ReadOnlyArrays):
         """
         if not size.any():
             return None
-        t = np.linspace(0.0, duration, SPEED_SAMPLES)
+        t = np.linspace(0.0, duration, speed_samples)
         sampled_signs = speed_signs(speed(t))
         intervals = [_constant_sign_intervals(t, signs, speed, k) for k, signs in enumerate(sampled_signs.T)]
         instants, interval_signs = zip(*intervals, strict=True)

@@ -68,16 +68,10 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.numerics.chebyshev import PANEL_NODES, TimeGrid, coefficients, evaluate, tail
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
-
-MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
-PANEL_NODES = 24  # an even number, so that no node is in the middle
-MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
-MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
-SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
 
 
 def dynamics_at(
@@ -274,8 +268,8 @@ class _TaylorMotion(NamedTuple):
         """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
         return type2_matrix(self.robot, self.evaluate(times).linearised)
 
-    def choose_half_panel(self) -> float:
-        """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL.
+    def choose_half_panel(self, *, max_joint_travel: float = 0.05) -> float:
+        """Return the time t [s] in which no joint moves more than its travel [rad, robot lengths].
 
         Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk of the joints is not known,
         so that of the platform stands for it. Term k gives t = (k! travel / largest derivative)^(1/k).
@@ -287,9 +281,17 @@ class _TaylorMotion(NamedTuple):
         orders = np.arange(1, len(derivatives) + 1)
         factorials = np.cumprod(orders)
         with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
-            return float(np.min((factorials * MAX_JOINT_TRAVEL / largest) ** (1 / orders)))
+            return float(np.min((factorials * max_joint_travel / largest) ** (1 / orders)))
 
-    def find_crossing(self, half_panel: float) -> float:
+    def find_crossing(
+        self,
+        half_panel: float,
+        *,
+        # of half a panel: a root of g farther from the instant is another singularity
+        max_root_offset: float = 0.01,
+        # of half a panel: offset to both sides at which the motors must hold the robot
+        side_offset: float = 0.1,
+    ) -> float:
         """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
 
         Args:
@@ -301,11 +303,11 @@ class _TaylorMotion(NamedTuple):
         if self.robot.n_a > self.robot.n:
             return 0.0  # with redundant motors g has a double root, without a change of sign
         root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
-        both_sides = self.type2_matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
+        both_sides = self.type2_matrices(np.array([-side_offset, side_offset]) * half_panel)
         signs, _log_sizes = np.linalg.slogdet(both_sides)  # the determinant is a measure g, up to a factor
         changes_sign = np.prod(signs) < 0
         is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
-        is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
+        is_at_root = root.converged and abs(root.place) <= max_root_offset * half_panel
         if is_at_root and changes_sign and is_regular:
             return root.place
         raise self.make_error(
@@ -339,7 +341,7 @@ class _TaylorMotion(NamedTuple):
                 wrench,
             )
 
-    def interpolate_forces(self, half_panel: float) -> Forces:
+    def interpolate_forces(self, half_panel: float, *, max_halvings: int = 8) -> Forces:
         """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
 
         The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
@@ -349,7 +351,7 @@ class _TaylorMotion(NamedTuple):
         """
         robot = self.robot
         least_tail = np.inf
-        for halvings in range(MAX_HALVINGS):
+        for halvings in range(max_halvings):
             edges = np.array([-half_panel, half_panel]) / 2**halvings
             try:
                 motion = self.evaluate(TimeGrid(edges, PANEL_NODES).times)

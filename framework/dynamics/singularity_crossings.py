@@ -30,13 +30,18 @@ from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrol
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
-NEWTON_STEPS = 3  # to a root of the law, from the root of its series
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
-MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels; with more, 512 nodes are slow or not enough
-EDGE_CLEARANCE = 0.1  # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
 
 
-def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> Array:
+def panel_edges(
+    branch: Branch,
+    law: MotionLaw,
+    avoid: Iterable[float] = (),
+    *,
+    max_crossings_on_panel: int = 3,  # of a law without panels; with more, 512 nodes are slow or not enough
+    # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
+    edge_clearance: float = 0.1,
+) -> Array:
     """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
     Edges are the ends of the motion and of the law's panels, and the instants at which the motion passes the
@@ -56,17 +61,17 @@ def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> 
             if not 0 < k < len(edges) - 1:  # the ends of the motion stay
                 continue
             narrower_width = min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
-            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:  # shift well beyond the crossing
-                edges[k] = t + 3.0 * EDGE_CLEARANCE * narrower_width
+            if abs(edges[k] - t) < edge_clearance * narrower_width:  # shift well beyond the crossing
+                edges[k] = t + 3.0 * edge_clearance * narrower_width
     else:
         crossings = np.sort(np.fromiter(avoid, dtype=float))
-        if len(crossings) > MAX_CROSSINGS_ON_PANEL:
+        if len(crossings) > max_crossings_on_panel:
             edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
     instants_of_knots = [find_instants(law, edges, knot) for knot in branch.knots]
     return np.unique(np.concatenate([edges, *instants_of_knots]))
 
 
-def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
+def find_instants(law: MotionLaw, edges: Array, s: float, *, newton_steps: int = 3) -> Array:
     """Find all instants (k,) [s] with law(t) = s, ascending.
 
     The roots of the law's Chebyshev series are refined by Newton's method on the law itself.
@@ -81,7 +86,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted = series.copy()
         shifted[0] -= s  # the series of law(t) - s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
-        for _ in range(NEWTON_STEPS if len(t) else 0):
+        for _ in range(newton_steps if len(t) else 0):
             residual = np.asarray(law(t)) - s
             slope = np.asarray(law(t, 1))
             # no step where the law stands still

@@ -50,7 +50,6 @@ from framework.tolerances import (
     RANK_ROUNDING,
 )
 
-MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
 
 
@@ -225,7 +224,9 @@ def platform_stiffness(
 # ------------------------------------------------------------------ under load
 
 
-def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
+def _find_equilibrium(
+    robot: ParallelRobot, q: Array, wrench: ArrayLike | None, *, max_steps: int = 200
+) -> tuple[Array, Load]:
     """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 
     Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
@@ -239,7 +240,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
     lengths = robot.column_scale[columns]
     load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
     step_size = np.inf  # [rad, robot lengths] largest entry of the last step
-    for _ in range(MAX_NEWTON_STEPS):
+    for _ in range(max_steps):
         residuals = evaluate_equilibrium(robot, q[None], load)
         if step_size < NEWTON_STEP:
             if deflects_little(robot, q[None])[0] and residuals.gap[0] < LOOP_GAP:

@@ -31,10 +31,8 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import LIMIT_MARGIN
 
-MAX_MULTIPLE = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
-IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +168,12 @@ class _Multiples:
         return replace(capacity, multiple=multiple, plan=answer)
 
 
-def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+def _bracket_capacity(
+    task: _Multiples,
+    capacity: Capacity,
+    *,
+    max_multiple: float = 2.0**20,  # beyond, the capacity counts as unbounded; below one over it, as zero
+) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
     From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket from
@@ -181,7 +184,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
         capacity: that of the multiple 0, with its plan.
     """
     multiple = 1.0
-    while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
+    while 1.0 / max_multiple <= multiple <= max_multiple:
         capacity = task.try_multiple(capacity, multiple)
         if capacity.end == np.inf:  # all multiples so far have plans
             multiple = 2.0 * capacity.multiple
@@ -194,14 +197,20 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     return capacity
 
 
-def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+def _bound_capacity(
+    task: _Multiples,
+    capacity: Capacity,
+    *,
+    # multiples over the refused one, in turn
+    impossible_ratios: tuple[float, ...] = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0),
+) -> Capacity:
     """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
 
-    The multiples are IMPOSSIBLE_RATIOS times the refused one. The bound need not refute that one itself: a
+    The multiples are `impossible_ratios` times the refused one. The bound need not refute that one itself: a
     search may miss a law, and the bound is not sharp.
     """
     if not np.isfinite(capacity.refused):
         return capacity
-    multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
+    multiples = (ratio * capacity.refused for ratio in impossible_ratios)
     impossible = next((multiple for multiple in multiples if task.is_impossible(multiple)), np.inf)
     return replace(capacity, impossible=impossible)

@@ -53,7 +53,6 @@ OWN_ERROR = 0.1  # platform error over the tolerance under the plan's torques: a
 # Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
 
 
 # ------------------------------------------------------------------ the choice
@@ -221,7 +220,12 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
     return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
 
 
-def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
+def measure_fall(
+    motion: InverseDynamics,
+    *,
+    # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
+    control_to_fall: float = 10.0,
+) -> tuple[float, MotorControl | None]:
     """Return the time constants of the robot's fall in a motion, and the feedback that the motors need.
 
     A robot falls where weight or the motors' torques drive the platform off its path
@@ -232,7 +236,7 @@ def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
     if fall <= MAX_FALL:
         return fall, None
     inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    frequency = CONTROL_TO_FALL * fall / motion.duration  # [1/s]
+    frequency = control_to_fall * fall / motion.duration  # [1/s]
     return fall, MotorControl.of(inertia, frequency)
 
 

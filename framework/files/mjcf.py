@@ -51,7 +51,6 @@ START = (
 # Solver parameters of the stiffest equality that MuJoCo can solve: the time constant, two time steps, and
 # the damping ratio; the impedance, 0.9999 at any gap, with the form of a transition that has no effect.
 HARD_EQUALITY = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-CLOSING_POINT_DISTANCE = 0.1  # [robot lengths] between the points that close a hinge or a weld
 
 
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
@@ -224,7 +223,13 @@ def _acceptable_inertia(inertia: Array) -> Array:
     return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
-def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> None:
+def _add_loops(
+    robot: ParallelRobot,
+    root: Element,
+    bodies: list[Element],
+    *,
+    point_distance: float = 0.1,  # [robot lengths] between the points that close a hinge or a weld
+) -> None:
     """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
 
     `bodies` are the elements of the bodies, by number of pinocchio's joint.
@@ -242,7 +247,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
             name = f"{closure.name}_{axis}"  # of the equality, and the end of its sites' names
-            offset = CLOSING_POINT_DISTANCE * robot.length * unit_vector(axis)
+            offset = point_distance * robot.length * unit_vector(axis)
             for end in closure.frames:
                 _add_site(bodies, f"{end}_{name}", frames[end], offset)
             _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))

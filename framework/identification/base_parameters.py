@@ -24,7 +24,6 @@ import pinocchio as pin
 
 from framework.dynamics.body_parameters import (
     INERTIAL,
-    link_of,
     link_parameters,
     parameter_transform,
     pseudo_inertia,
@@ -45,7 +44,7 @@ from framework.kinematics.inverse_kinematics import close_each, close_loops, req
 from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.tree_model import link_axes
+from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
@@ -162,9 +161,6 @@ def parameter_regressor(
 
 RANDOM_SETS = 3  # sets of random instants; their ranks must agree
 ROWS_PER_PARAMETER = 1.5  # in each set
-STEP = 0.5  # [rad, robot lengths] largest step of the platform in a random walk
-# steps of all random walks; steps of a walk that has not moved by then, each half as long as the previous one
-STEPS, MAX_STEPS = 16, 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,22 +261,30 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
-def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
+def _random_poses(
+    robot: ParallelRobot,
+    count: int,
+    random: np.random.Generator,
+    *,
+    steps: int = 16,  # of every random walk
+    max_steps: int = 36,  # of a walk that has not moved by then, each half as long as the previous one
+    largest_step: float = 0.5,  # [rad, robot lengths] of the platform
+) -> tuple[Array, Array]:
     """Draw assembled configurations q (count, nq) and platform coordinates x (count, n).
 
     Each pose is the end of a random walk from the reference. A step is rejected if the loops do not close at
-    its end, or if the end is near a singularity. After STEPS steps only walks without an accepted step
+    its end, or if the end is near a singularity. After `steps` steps only walks without an accepted step
     continue, with ever shorter steps.
     """
     q = np.repeat(robot.reference.q[None], count, axis=0)
     x = np.repeat(robot.reference.x[None], count, axis=0)
     has_moved = np.zeros(count, dtype=bool)
-    for k in range(MAX_STEPS):
-        only_unmoved = k >= STEPS
+    for k in range(max_steps):
+        only_unmoved = k >= steps
         if only_unmoved and has_moved.all():
             break
-        step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
-        target = x + step * 0.5 ** max(k - STEPS, 0)  # ever shorter after STEPS steps
+        step = largest_step * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
+        target = x + step * 0.5 ** max(k - steps, 0)  # ever shorter after these steps
         end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
         accepted = end.closed & ~(only_unmoved & has_moved)  # (count,) of the walks
         end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], x=None))

@@ -47,11 +47,6 @@ from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of a machine shop
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
-HUBER = 2.0  # ratio of an instant's residual to the noise above which the instant's weight falls
-MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is relative to the prior
-CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
-DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
-LEAST_NOISE = 1e-3  # residuals below this share of the assumed noise count as rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,21 +348,29 @@ class GaussNewton:
         # eliminating the pose of an instant uses up as many equations as there are motors
         self.equations_per_instant = len(measured.names) - model.n_a
 
-    def run(self, progress: Callable[[int], None]) -> None:
+    def run(
+        self,
+        progress: Callable[[int], None],
+        *,
+        max_steps: int = 60,
+        first_damping: float = 1e-3,  # relative to the prior
+        max_damping: float = 1e9,  # relative to the prior
+        converged: float = 1e-6,  # largest change of a parameter in the last step, over its prior deviation
+    ) -> None:
         """Iterate until the parameters converge.
 
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). With
         each step of the parameters the poses take the step that keeps the linearised loops closed and the
-        residuals least. Iteration ends when a step changes no parameter by more than CONVERGED times its
+        residuals least. Iteration ends when a step changes no parameter by more than `converged` times its
         standard deviation in the file, `prior`.
 
         Raises:
-            NotConverged: no convergence within MAX_STEPS steps or with a damping of at most MAX_DAMPING.
+            NotConverged: no convergence within `max_steps` steps or with a damping of at most `max_damping`.
         """
-        damping = FIRST_DAMPING
+        damping = first_damping
         equations = eliminate_poses(self.model, self.measured, self.q)
         cost = self._reweight(equations)  # at the file's parameters
-        while self.steps < MAX_STEPS and damping <= MAX_DAMPING:
+        while self.steps < max_steps and damping <= max_damping:
             self.steps += 1
             progress(self.steps)
             # step the parameters, and the joints with them
@@ -387,7 +390,7 @@ class GaussNewton:
             equations = next_equations
             damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
             cost = self._reweight(equations)  # with the new weights, which the next step must not raise
-            if np.abs(change / self.prior).max() < CONVERGED:
+            if np.abs(change / self.prior).max() < converged:
                 self._estimate_deviations(equations)
                 return
         raise NotConverged(
@@ -426,20 +429,22 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _reweight(self, equations: ParameterEquations) -> float:
+    def _reweight(self, equations: ParameterEquations, *, huber_ratio: float = 2.0) -> float:
         """Set the noise and the weights of the instants from residuals; return the new cost.
 
-        The noise is estimated from the median residual. An instant with a residual above HUBER times the
-        noise has Huber's weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
+        The noise is estimated from the median residual. An instant with a residual r above the noise times
+        h = `huber_ratio` has Huber's weight h noise / r, so that its cost grows linearly (Huber, Annals of
         Mathematical Statistics 35, 1964). `weights` are the square roots of Huber's weights, because they
         multiply residuals.
         """
         residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
-        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING)))
+        self.weights = np.sqrt(
+            np.minimum(1.0, huber_ratio * self.noise / np.maximum(residuals, RANK_ROUNDING))
+        )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(self, equations: ParameterEquations) -> None:
+    def _estimate_deviations(self, equations: ParameterEquations, *, width: float = 3.0) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
@@ -452,11 +457,13 @@ class GaussNewton:
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
-        # widen by Student's quantile (stdtrit) at the probability of DEVIATIONS normal deviations (ndtr)
+        # widen by Student's quantile (stdtrit) at the probability of `width` normal deviations (ndtr)
         if self.degrees_of_freedom >= 1.0:
-            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(DEVIATIONS)) / DEVIATIONS
+            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
-    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
+    def _estimate_noise(
+        self, equations: ParameterEquations, residual: float, *, least_noise: float = 1e-3
+    ) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
         `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
@@ -464,7 +471,7 @@ class GaussNewton:
         the effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements
         of Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals s^2 (N - r(s))
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
-        the noise is the assumed noise, s = 1.
+        the noise is the assumed noise, s = 1. Residuals below `least_noise` are rounding.
         """
         count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)
@@ -478,16 +485,16 @@ class GaussNewton:
             return noise**2 * freedom_at(noise) - count * residual**2
 
         self.noise = 1.0
-        self.degrees_of_freedom = freedom_at(LEAST_NOISE)
+        self.degrees_of_freedom = freedom_at(least_noise)
         if self.degrees_of_freedom < 1.0:
             return
-        self.noise = LEAST_NOISE
-        if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
+        self.noise = least_noise
+        if noise_equation(least_noise) < 0.0:  # else the residuals are rounding
             from scipy.optimize import brentq  # slow to import
 
             # with N - r(s) >= 1 the solution is at most sqrt(N) residual
             upper_bound = max(residual * np.sqrt(count), 1.0)
-            solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
+            solution = brentq(noise_equation, least_noise, upper_bound, xtol=RANK_ROUNDING * least_noise)
             self.noise = float(solution)
         self.degrees_of_freedom = freedom_at(self.noise)
 

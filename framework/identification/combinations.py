@@ -24,7 +24,6 @@ from framework.tolerances import RANK_ROUNDING
 
 # coefficients below this share of the largest of their column are zero, with parameters over their sizes
 COEFFICIENT_ROUNDING = 1e-7
-MAX_TERMS = 8  # of a combination in text
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,22 +120,22 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
     return np.sort(pivot_rows(matrix.T)[:rank])
 
 
-def format_combination(names: Sequence[str], coefficients: Array) -> str:
+def format_combination(names: Sequence[str], coefficients: Array, *, max_terms: int = 8) -> str:
     """Format a combination of p parameters as text: `a + 0.25 b - c`.
 
-    `names` and `coefficients` (p,) are those of all parameters; at most MAX_TERMS terms are named.
+    `names` and `coefficients` (p,) are those of all parameters; at most `max_terms` terms are named.
     """
     nonzero = np.flatnonzero(coefficients)
     if not nonzero.size:
         return "0"
     terms = []
-    for k in nonzero[:MAX_TERMS]:
+    for k in nonzero[:max_terms]:
         value = coefficients[k]
         # a coefficient of 1 or -1 is not written
         factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
-    if len(nonzero) > MAX_TERMS:
-        terms.append(f"and {len(nonzero) - MAX_TERMS} more terms")
+    if len(nonzero) > max_terms:
+        terms.append(f"and {len(nonzero) - max_terms} more terms")
     return " ".join(terms).removeprefix("+ ")
 
 

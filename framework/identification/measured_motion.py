@@ -29,12 +29,7 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
-ORDER, SPLINE_DEGREE = 4, 5  # of the filter; of the splines
 MIN_SAMPLES = 64  # of a recording
-SIGNAL_TO_NOISE = 10.0  # of a power spectrum; below this ratio a frequency counts as noise
-SMOOTHING_BINS = 9  # frequencies over which a power spectrum is averaged
-MAX_CUTOFF = 0.4  # over the sampling rate; 0.5 is the Nyquist frequency
-MIN_PERIODS = 8  # periods of the cutoff in a recording; one is left out at either end
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +139,18 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
-def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
+def _choose_cutoff(
+    data: Recording,
+    joints: Array,
+    period: float,
+    cutoff: float | None,
+    *,
+    max_cutoff: float = 0.4,  # over the sampling rate; 0.5 is the Nyquist frequency
+    min_periods: int = 8,  # periods of the cutoff in a recording; one is left out at either end
+) -> float:
     """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
-    The recording must last for MIN_PERIODS of the cutoff, and have 1 / MAX_CUTOFF samples in each of them.
+    The recording must last for `min_periods` of the cutoff, with 1 / `max_cutoff` samples in each of them.
 
     Args:
         data: the recording.
@@ -157,8 +160,8 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
     Raises:
         InvalidInput: the cutoff is outside the range that the recording allows.
     """
-    lowest = MIN_PERIODS / (len(data) * period)
-    highest = MAX_CUTOFF / period
+    lowest = min_periods / (len(data) * period)
+    highest = max_cutoff / period
     if cutoff is None:
         return float(np.clip(_signal_frequency(joints, period), lowest, highest))
     if not lowest <= cutoff <= highest:
@@ -166,7 +169,13 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
     return cutoff
 
 
-def _signal_frequency(joints: Array, period: float) -> float:
+def _signal_frequency(
+    joints: Array,
+    period: float,
+    *,
+    signal_to_noise: float = 10.0,  # of a power spectrum; below this ratio a frequency counts as noise
+    smoothing_bins: int = 9,  # frequencies over which a power spectrum is averaged
+) -> float:
     """Return the frequency [Hz] above which the spectra of all joints are noise.
 
     The joints (samples, n_a) are sampled with a period [s]. The noise level of a joint is the median of the
@@ -179,9 +188,9 @@ def _signal_frequency(joints: Array, period: float) -> float:
     chord = np.linspace(joints[0], joints[-1], count)  # (samples, n_a)
     window = np.hanning(count)[:, None]
     raw_power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2  # (bins, n_a)
-    power = uniform_filter1d(raw_power, SMOOTHING_BINS, axis=0, mode="nearest")
+    power = uniform_filter1d(raw_power, smoothing_bins, axis=0, mode="nearest")
     noise = np.median(power[len(power) // 2 :], axis=0)
-    is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
+    is_signal = power > signal_to_noise * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
     return precedes_noise.sum(axis=0).max() / (count * period)  # a bin is 1 / (count period) wide
 
@@ -192,21 +201,21 @@ class _LowPass(NamedTuple):
     period: float  # [s] of the samples
     cutoff: float  # [Hz]
 
-    def filter(self, values: Array) -> Array:
+    def filter(self, values: Array, *, order: int = 4) -> Array:
         """Filter values (samples, k) forwards and backwards, which cancels the delay."""
         from scipy.signal import butter, sosfiltfilt
 
-        sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
+        sections = butter(order, self.cutoff, fs=1.0 / self.period, output="sos")
         # three periods of the cutoff at either end, in which the filter settles
         padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
-    def differentiate(self, values: Array) -> Array:
+    def differentiate(self, values: Array, *, spline_degree: int = 5) -> Array:
         """Return filtered values (samples, k) and two time derivatives, (3, samples, k)."""
         from scipy.interpolate import make_interp_spline
 
         times = self.period * np.arange(len(values))
-        spline = make_interp_spline(times, self.filter(values), k=SPLINE_DEGREE)
+        spline = make_interp_spline(times, self.filter(values), k=spline_degree)
         return np.array([spline(times, order) for order in range(3)])
 
     def choose_instants(self, count: int) -> IntArray:

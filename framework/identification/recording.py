@@ -18,16 +18,13 @@ import numpy as np
 from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
-from framework.numerics.fields import not_negative, positive
+from framework.numerics.fields import MAX_ROWS, not_negative, positive
 from framework.numerics.input import read_text
 from framework.numerics.rotations import whole_turns
-from framework.planning.motion_table import MAX_SAMPLES
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
 
-LARGEST_RECORDING = 200_000_000  # bytes
 HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
-PERIOD_JITTER = 1e-3  # largest deviation of a time step, over the sampling period
 LINEAR_AXES = ("x", "y", "z")
 
 
@@ -90,14 +87,14 @@ def recording_columns(robot: ParallelRobot) -> Names:
     )
 
 
-def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
+def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int = 200_000_000) -> Recording:
     """Read a recording of a robot from a CSV file, ignoring unknown columns.
 
     Raises:
         InvalidInput: no such file; a row with too many or too few cells; a cell that is not a finite number;
             a repeated column; no column of this robot; motor angles in degrees. Messages name row and column.
     """
-    text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
+    text = read_text(file, f"{file}", largest=largest_bytes)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
     # the header must name columns of this robot, each once
@@ -195,18 +192,18 @@ def _is_in_degrees(angles: Array, reference: Array) -> bool:
     )
 
 
-def uniform_period(recording: Recording) -> float:
+def uniform_period(recording: Recording, *, period_jitter: float = 1e-3) -> float:
     """Return the sampling period [s].
 
     Raises:
-        InvalidInput: no column time, or its steps differ by more than PERIOD_JITTER.
+        InvalidInput: no column time, or its steps differ by more than `period_jitter`.
     """
     if "time" not in recording.names:
         raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")
     steps = np.diff(recording.column("time"))
     period = float(steps.mean())
     worst = np.abs(steps - period).argmax()
-    if abs(steps[worst] - period) > PERIOD_JITTER * period:
+    if abs(steps[worst] - period) > period_jitter * period:
         raise InvalidInput(
             f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
             f"{period:.6g} s on average; differentiation needs equal steps"
@@ -261,8 +258,8 @@ def record_sensors(
     random = np.random.default_rng(sensors.seed)
     periods = simulation.duration * sensors.rate
     count = int(periods * (1.0 + SAME_PLACE)) + 1  # with a sample at the end, despite rounding
-    if count > MAX_SAMPLES:
-        raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
+    if count > MAX_ROWS:
+        raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_ROWS}")
 
     times = np.arange(count) / sensors.rate
     times[-1] = min(times[-1], simulation.duration)

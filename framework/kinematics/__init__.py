@@ -24,6 +24,5 @@ From the platform to the joints, and back
 
 For the user
     placements          where joints and frames are drawn
-    mistaken_units      remarks on values that seem to be in another unit
     diagnostics/        `check`: mobility, search for closed poses, advice; a pose by the names of its file
 """

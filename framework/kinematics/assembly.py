@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from random import Random
 from typing import Any, NamedTuple
@@ -17,18 +18,13 @@ from framework.kinematics.closures import (
 )
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, FILE_ROUNDING, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
 NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random motions tried for them
-SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
 MAX_ITERATIONS = 25  # of Newton's and similar methods
-ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
-MAX_HALVINGS = 14  # of a Newton step by the line search
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +89,14 @@ def close_reference(mechanism: Mechanism) -> Closing:
     return closing
 
 
-def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
+def _close(
+    mechanism: Mechanism,
+    start: Array,
+    free: IntArray,
+    *,
+    rounding_gap: float = 1e-15,  # [rad, robot lengths] residual that no Newton step improves
+    max_halvings: int = 14,  # of a Newton step by the line search
+) -> Closing:
     """Close all loops from `start` (nq,) by Newton steps of least norm in the columns `free` (k,).
 
     A line search halves each step until the norm of the loop equations decreases. If the loops do not close,
@@ -102,11 +105,11 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     q = start
     norm = float(np.linalg.norm(scaled_residual(mechanism, start)))  # [robot lengths, rad]
     iterations = 0
-    while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
+    while iterations < MAX_ITERATIONS and norm > rounding_gap:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
 
-        for halvings in range(MAX_HALVINGS + 1):
+        for halvings in range(max_halvings + 1):
             trial = integrate_columns(mechanism, q, free, 0.5**halvings * step)
             trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
             if trial_norm <= norm:
@@ -202,7 +205,25 @@ def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) ->
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
 
-def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
+def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
+    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
+    turns = []
+    columns = velocity_columns(mechanism.model, positions)
+    for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
+        count = abs(angle) / (2.0 * np.pi)
+        if count > 1.0 and not sliding:
+            turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
+    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
+
+
+def nearby_configurations(
+    mechanism: Mechanism,
+    reference: Array,
+    *,
+    same_direction_cosine: float = 0.99,  # two directions with a larger |cosine| count as the same
+    max_nearby: int = 2,  # number of configurations
+    draws: int = 8,  # number of random motions that are tried
+) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
     Random motions that the loops allow, drawn with a fixed seed, lead away from the reference. Then the loops
@@ -217,7 +238,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     configurations: list[Array] = []
     directions: list[Array] = []  # (nv,) from the reference to these configurations
     # a single motion need not be drawn twice
-    for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
+    for _ in range(draws if len(allowed) > 1 else len(allowed)):
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,) [rad, robot lengths]
@@ -229,9 +250,9 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         if closing.gap > CLOSED_LOOP or distance <= FILE_ROUNDING:  # open, or the reference itself
             continue
         direction = offset / distance
-        if all(abs(direction @ other) < SAME_DIRECTION_COSINE for other in directions):
+        if all(abs(direction @ other) < same_direction_cosine for other in directions):
             configurations.append(closing.q)
             directions.append(direction)
-        if len(configurations) == MAX_NEARBY:
+        if len(configurations) == max_nearby:
             break
     return tuple(configurations)

@@ -28,8 +28,6 @@ from framework.numerics.banded_lu import Factors
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import FILE_ROUNDING, RANK_LOST
 
-CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
-
 
 @dataclass(frozen=True, eq=False)
 class LinearisedLoops:
@@ -199,14 +197,19 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     return values.min(axis=1, initial=np.inf)
 
 
-def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
+def find_near_type2(
+    robot: ParallelRobot,
+    linearised: LinearisedLoops,
+    *,
+    cholesky_clearance: float = 1e-4,  # singular value of P whose square is well above the rounding of P'P
+) -> IntArray:
     """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
 
     Usually there are none. The Cholesky factorisation of P'P - c^2 I proves this at a tenth of the cost of
     singular values: it succeeds only if all singular values of P are above c.
     """
     P = passive_matrix(robot, linearised)
-    shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
+    shifted = P.swapaxes(1, 2) @ P - cholesky_clearance**2 * np.eye(P.shape[2])
     try:
         np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:  # at some configuration: compute the singular values of all

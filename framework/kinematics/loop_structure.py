@@ -37,7 +37,6 @@ from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
 
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
-ODD_SIZE = 0.02  # rows are scaled to unit size if the largest entry is below this or above its inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,14 +202,19 @@ def pivot_rows(matrix: Array) -> IntArray:
     return order
 
 
-def _row_sizes(loops: Array) -> Array:
+def _row_sizes(
+    loops: Array,
+    *,
+    # rows are scaled to unit size if the largest entry is below this or above its inverse
+    odd_size: float = 0.02,
+) -> Array:
     """Return divisors (m,) that bring rows of `loops` (m, columns) to unit size.
 
     The divisor is the largest |entry| of the row, or 1 if this is between 0.02 and 50. Multiplying an
     equation by a factor, as a change of unit does, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
-    is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
+    is_odd = (sizes < odd_size) | (sizes > 1 / odd_size)
     return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)
 
 

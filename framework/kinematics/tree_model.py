@@ -201,6 +201,13 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
     return pin.SE3.Identity()
 
 
+def link_of(model: pin.Model, j: int) -> str:
+    """Return the name of the first link fixed to joint j."""
+    body = pin.FrameType.BODY
+    names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
+    return str(next(names, model.names[j]))
+
+
 class JointLimit(NamedTuple):
     """The position limits of one joint in a URDF."""
 

@@ -1,6 +1,6 @@
 """Paths x(s) and motion laws s(t), independent of any robot. Open `law` first.
 
-* `path`: paths, and the check of a user's own path;
+* `path`: paths, the straight line, and the check of a user's own path; `curves`: arcs, splines, polylines;
 * `law`: the protocol of motion laws, and the polynomial law;
 * `optimal_law`: the law of free shape, and the parameter in which functions along it are smooth;
 * `squared_speed`: the functions that represent the speed of this law, and its exact duration.

@@ -24,8 +24,6 @@ from framework.numerics.fields import LARGEST_NUMBER
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
-SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
-
 
 def check_duration(duration: float) -> None:
     """Raise InvalidInput unless a duration is a number in [1 / LARGEST_NUMBER, LARGEST_NUMBER] s."""
@@ -405,14 +403,14 @@ def _interior_values(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrices_for_search(degree: int, smoothness: int) -> tuple[Array, Array]:
+def _matrices_for_search(degree: int, smoothness: int, *, search_samples: int = 16) -> tuple[Array, Array]:
     """Return the matrices from coefficients (degree + 1,) of a law s to coefficients of p, and to samples.
 
     The law has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a Chebyshev
-    series with c coefficients. The samples are N of p, then N of d2s/dx2, at N = SEARCH_SAMPLES c nodes x.
+    series with c coefficients. The samples are N of p, then N of d2s/dx2, at N = `search_samples` c nodes x.
     """
     to_p = _divide_out_ends(degree, smoothness)  # (c, degree + 1)
-    T_values = chebyshev.chebvander(nodes(SEARCH_SAMPLES * len(to_p)), degree)  # (N, degree + 1)
+    T_values = chebyshev.chebvander(nodes(search_samples * len(to_p)), degree)  # (N, degree + 1)
     p_samples = T_values[:, : len(to_p)] @ to_p
     accelerations = T_values @ derivative_matrix(degree + 1, 2)
     return to_p, np.vstack([p_samples, accelerations])

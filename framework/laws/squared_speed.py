@@ -26,6 +26,7 @@ from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import (
     COEFFICIENT_ROUNDING,
+    PANEL_NODES,
     TimeFunction,
     TimeGrid,
     coefficients,
@@ -42,16 +43,8 @@ if TYPE_CHECKING:
 
 SPLINE_DEGREE = HIGHEST_ORDER + 1  # as many derivatives of z are continuous as the torque contains
 ONE_CELL = (-1.0, 1.0)  # the edges of a single cell, all of xi
-PANEL_NODES = 24  # Chebyshev nodes on a panel of t(sigma)
-MAX_PANELS = 1024  # of t(sigma)
 STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
 STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
-MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the solution
-MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
-FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
-DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
-# of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
-MIN_RELATIVE_SIZE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -204,7 +197,12 @@ def evaluate_each(x: Array, series: Array) -> Array:
 
 
 def slowness_on_panels(
-    cells: Array, z_series: Array, stretch: Stretch, edges: Array | None = None
+    cells: Array,
+    z_series: Array,
+    stretch: Stretch,
+    edges: Array | None = None,
+    *,
+    max_panels: int = 1024,
 ) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
@@ -225,7 +223,7 @@ def slowness_on_panels(
     if edges is None:
         edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
         edges[[0, -1]] = 0.0, 1.0  # free of rounding
-    while len(edges) <= MAX_PANELS:
+    while len(edges) <= max_panels:
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
         z = evaluate_on_cells(cells, z_series, stretch(grid.times))
@@ -268,7 +266,14 @@ class SpeedSpace(NamedTuple):
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
         return self._linearise_duration(y).duration
 
-    def blend(self, quick: Array, slow: Array, duration: float) -> Array:
+    def blend(
+        self,
+        quick: Array,
+        slow: Array,
+        duration: float,
+        *,
+        max_steps: int = 60,  # of Newton's method, which converges from any distance on the slow side
+    ) -> Array:
         """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
 
         The blend is y = slow + share (quick - slow). Its duration is a convex function of the share. So
@@ -279,7 +284,7 @@ class SpeedSpace(NamedTuple):
         direction = quick - slow
         share = 0.0
         edges = None  # of the panels of the last blend
-        for _ in range(MAX_BLEND_STEPS):
+        for _ in range(max_steps):
             linear = self._linearise_duration(y, edges)
             edges = linear.edges
             excess = linear.duration - duration
@@ -290,7 +295,13 @@ class SpeedSpace(NamedTuple):
         return y
 
     def adjust(
-        self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
+        self,
+        y: Array,
+        equalities: Affine,
+        duration: float | None = None,
+        *,
+        relative: bool = False,
+        max_steps: int = 12,  # of Newton's method, which starts near the solution
     ) -> Array:
         """Compute the coefficients (size,) near y that meet equalities and a duration [s].
 
@@ -310,7 +321,7 @@ class SpeedSpace(NamedTuple):
         inverse_weights = self._inverse_weights(y, relative)
         matrix = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
         edges = None  # of the panels of the last step
-        for _ in range(MAX_ADJUSTMENT_STEPS):
+        for _ in range(max_steps):
             # slopes (c, size) and values (c,) of all equations; the last may be T(y) - duration = 0
             slopes, values = matrix, equalities(y)
             if duration is not None:
@@ -330,7 +341,17 @@ class SpeedSpace(NamedTuple):
                 break
         return y
 
-    def _inverse_weights(self, y: Array, relative: bool) -> Array:
+    def _inverse_weights(
+        self,
+        y: Array,
+        relative: bool,
+        *,
+        free_degree: float = 8.0,  # Chebyshev coefficients up to this degree change at little cost
+        # the cost of changing a Chebyshev coefficient grows with this power of its degree
+        degree_weight_power: float = 4.0,
+        # of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
+        min_relative_size: float = 1e-3,
+    ) -> Array:
         """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
 
         Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
@@ -340,14 +361,14 @@ class SpeedSpace(NamedTuple):
         """
         size = len(y)
         if self.basis.is_spline:
-            return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
+            return np.diag(np.maximum(np.abs(y), min_relative_size * np.abs(y).mean()) ** 2)
         if not relative:
-            return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
+            return np.diag((1.0 + np.arange(size)) ** -degree_weight_power)
         # (4 size, size) T_k at four samples for each coefficient
         values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
         change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
-        degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
+        degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
     def _linearise_duration(self, y: Array, edges: Array | None = None) -> LinearDuration:

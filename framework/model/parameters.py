@@ -21,7 +21,6 @@ from framework.model.documents import parse_yaml
 from framework.numerics.fields import number
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")  # group 1: the expression
-MAX_EXPRESSION_CHARACTERS = 200
 _OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -95,11 +94,11 @@ def _read_values(name: str, given: Any) -> list[float]:
         raise RobotFileError(str(error)) from None
 
 
-def _evaluate(expression: str, values: Mapping[str, float]) -> float:
+def _evaluate(expression: str, values: Mapping[str, float], *, max_characters: int = 200) -> float:
     """Compute the finite value of an arithmetic expression of parameters `values`."""
     where = f"${{{expression[:60]}}}"
-    if len(expression) > MAX_EXPRESSION_CHARACTERS:
-        raise RobotFileError(f"{where}: more than {MAX_EXPRESSION_CHARACTERS} letters")
+    if len(expression) > max_characters:
+        raise RobotFileError(f"{where}: more than {max_characters} letters")
     try:
         syntax = ast.parse(expression.strip(), mode="eval")
         result = float(_evaluate_node(syntax.body, values, where))

@@ -24,7 +24,6 @@ from framework.numerics.input import LARGEST_FILE
 
 Color = tuple[float, float, float, float]
 
-DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 10 * LARGEST_FILE
 
 
@@ -125,17 +124,22 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
     return vertices, faces
 
 
-def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
+def _read_color(
+    material: Element | None,
+    materials: Mapping[str | None, Element],
+    *,
+    default: Color = (0.9, 0.9, 0.9, 1.0),  # of a visual without a colour
+) -> Color:
     """Read the colour (red, green, blue, alpha) of a visual with a `material`.
 
     If the material has no colour, the one of the same name in `materials`, those of the robot, counts.
-    Without any colour it is DEFAULT_COLOR.
+    Without any colour it is `default`.
     """
     if material is None:
-        return DEFAULT_COLOR
+        return default
     of_robot = materials.get(material.get("name"))
     for element in (material, of_robot):
         if element is not None and (color := element.find("color")) is not None:
             red, green, blue, alpha = parse_numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha
-    return DEFAULT_COLOR
+    return default

@@ -24,7 +24,6 @@ DEGREE, NODES = 3, 6
 # A function is resolved if its last two Chebyshev coefficients sum up to less than this share of the largest:
 # twice the last one, if each coefficient is half of the one before.
 MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
-VALUE_ROUNDING = 1e-11  # error of values at nodes, relative to the largest coefficient
 
 
 class Bernstein(NamedTuple):
@@ -45,7 +44,11 @@ def cell_nodes() -> Array:
     return read_only(0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
 
 
-def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
+def fit_bernstein(
+    values: Array,
+    *,
+    value_rounding: float = 1e-11,  # error of values at nodes, relative to the largest coefficient
+) -> tuple[Bernstein, BoolArray]:
     """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return a mask (k,) of resolved cells.
 
     A cell is resolved if all components of the function are. The Chebyshev series through all nodes is
@@ -58,7 +61,7 @@ def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     largest = np.abs(series).max(axis=1)
     truncated = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
     last_two = np.abs(series[:, -2:]).sum(axis=1)
-    error = truncated + last_two + VALUE_ROUNDING * largest
+    error = truncated + last_two + value_rounding * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
 
     is_resolved = (last_two <= MAX_TAIL * largest).all(axis=1)

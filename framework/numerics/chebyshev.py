@@ -10,6 +10,7 @@ Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -24,8 +25,9 @@ from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
 MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
+# of a panel that is halved until its series is resolved; an even number, so that no node is in the middle
+PANEL_NODES = 24
 COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
-NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
 
 @lru_cache(maxsize=64)
@@ -224,7 +226,13 @@ class TimeGrid(ReadOnlyArrays):
         """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
-    def fit_truncated(self, values: Array) -> TimeFunction:
+    def fit_truncated(
+        self,
+        values: Array,
+        *,
+        # a coefficient below this factor times the largest of the last eighth is rounding
+        noise_factor: float = 3.0,
+    ) -> TimeFunction:
         """Fit the function through values (panels * size, k); set coefficients of rounding size to zero.
 
         The last eighth of the coefficients of a resolved function are rounding errors, and indicate their
@@ -232,7 +240,7 @@ class TimeGrid(ReadOnlyArrays):
         would grow in an iteration on second derivatives.
         """
         series = coefficients(self._stack_panels(values))
-        rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        rounding = noise_factor * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
         series[:, self.resolvable :] = 0.0
         return TimeFunction(self.edges, series)
@@ -302,3 +310,64 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
     second = values @ (derivative @ derivative)
     values.setflags(write=False)  # no copy: in another memory order its products differ in the last bit
     return values, read_only(first), read_only(second)
+
+
+# ------------------------------------------------------------------ largest values
+
+
+def peak_sizes(
+    function: Callable[[Array], Array],
+    edges: Array,
+    size: int,
+    *,
+    node_ratio: int = 4,  # number of samples over number of Chebyshev coefficients, on each panel
+    # distances between the three points of the parabolas about a maximum, over the distance between samples
+    zoom_steps: tuple[float, ...] = (1.0, 1.0 / 16.0, 1.0 / 256.0),
+) -> Array:
+    """Compute the largest |value| (k,) of each component of a function of time.
+
+    The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
+    are refined: each maximum moves to the vertex of the parabola through three points about it, again and
+    again, with points that are closer together each time (`zoom_steps`).
+
+    Args:
+        function: returns values (T, k) at t (T,) [s].
+        edges: ends of the panels (panels + 1,) [s].
+        size: number of coefficients of the function's series on each panel.
+    """
+    start, end = edges[0], edges[-1]
+    t = TimeGrid(edges, node_ratio * size).times  # (T,)
+    values = np.abs(function(t))  # (T, k)
+    peaks = values.max(axis=0)
+
+    padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
+    is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
+    sample, component = np.nonzero(is_local_maximum)  # (m,) of each of the m local maxima
+    middle = t[sample]
+    # distance between samples: the longer one of those to both neighbours
+    spacing = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
+
+    def sizes_at(instants: Array) -> Array:
+        """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""
+        sizes = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
+        return sizes[..., np.arange(len(component)), component]
+
+    for zoom_step in zoom_steps:
+        step = zoom_step * spacing
+        points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
+        sizes = sizes_at(points)
+        np.maximum.at(peaks, component, sizes.max(axis=0))
+        middle = np.clip(middle + step * _parabola_vertex(*sizes), start, end)
+    np.maximum.at(peaks, component, sizes_at(middle))
+    return peaks
+
+
+def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
+    """Return the abscissae (m,) of the maxima of parabolas through values (m,) at -1, 0 and 1.
+
+    The values are `left` at -1, `centre` at 0 and `right` at 1. Abscissae are clipped to [-1, 1]; a parabola
+    without a maximum gives 0.
+    """
+    curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
+    vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
+    return np.clip(vertex, -1.0, 1.0)

@@ -19,9 +19,7 @@ from framework.numerics.time_limit import check_time
 # regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
 # the first pair solves most programs and takes half the time of the others
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
-MAX_ITERATIONS = 200
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
-STALLED_RATIO = 10.0  # tolerance of a solution that is accepted although the solver stalls, over the other
 SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 
 
@@ -244,21 +242,29 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
-def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
+def _cone_settings(
+    regularization: float,
+    refinements: int,
+    tolerance: float,
+    *,
+    max_iterations: int = 200,
+    # tolerance of a solution that is accepted although the solver stalls, over the other
+    stalled_ratio: float = 10.0,
+) -> Any:
     """Return settings for cone programs.
 
     Args:
         regularization: of the solver's linear systems.
         refinements: number of refinements of their solutions.
-        tolerance: of gap and residual; a stalled solution may exceed it by STALLED_RATIO.
+        tolerance: of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
     """
     settings = _settings()
-    settings.max_iter = MAX_ITERATIONS
+    settings.max_iter = max_iterations
     settings.iterative_refinement_enable = refinements > 0
     settings.iterative_refinement_max_iter = refinements
     settings.static_regularization_constant = regularization
     # fields such as tol_gap_abs of a solution, and reduced_tol_gap_abs of one at which the solver stalls
-    for prefix, allowed in (("", tolerance), ("reduced_", STALLED_RATIO * tolerance)):
+    for prefix, allowed in (("", tolerance), ("reduced_", stalled_ratio * tolerance)):
         for measure in ("gap_abs", "gap_rel", "feas"):
             setattr(settings, f"{prefix}tol_{measure}", allowed)
     return settings

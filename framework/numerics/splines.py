@@ -1,12 +1,15 @@
-"""B-splines by the recurrence of Cox and de Boor, on knots of any multiplicity.
+"""B-splines by the recurrence of Cox and de Boor, and least squares with them.
 
-Between the knots t_k and t_(k+1) only the splines k - degree to k are not zero. All functions here return the
-values of these alone. `scipy.interpolate` has B-splines too, but importing it takes as long as finding a law.
+Knots have any multiplicity. Between the knots t_k and t_(k+1) only the splines k - degree to k are not zero.
+The functions here return the values of these alone, so that rows of least squares have entries in a few
+adjacent columns. `scipy.interpolate` has B-splines too, but importing it takes as long as finding a law.
 
 Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,3 +50,66 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
             to_previous = -to_same
         values = np.pad(values * to_previous, ((0, 0), (0, 1))) + np.pad(values * to_same, ((0, 0), (1, 0)))
     return values
+
+
+# ------------------------------------------------------------------ least squares with banded rows
+
+
+def banded_rows(values: Array, columns: IntArray, count: int) -> Any:
+    """Return a sparse matrix (T R, count) whose rows have W entries each.
+
+    Args:
+        values: (T, R, W) entries of T groups of R rows.
+        columns: (T, W) ascending columns of the entries, the same for all rows of a group.
+        count: number of columns.
+    """
+    from scipy.sparse import csr_array
+
+    T, R, W = values.shape
+    all_columns = np.repeat(columns, R, axis=0)  # (T R, W)
+    row_starts = np.arange(0, T * R * W + 1, W)  # index of each row's first entry, then the count of all
+    return csr_array((values.ravel(), all_columns.ravel(), row_starts), shape=(T * R, count))
+
+
+def column_sizes(rows: Any) -> Array:
+    """Compute the Euclidean norms (C,) of the columns of a sparse matrix."""
+    squares = np.bincount(rows.indices, rows.data**2, minlength=rows.shape[1])  # summed by column
+    return np.sqrt(squares)
+
+
+class BandedFactor(NamedTuple):
+    """The Cholesky factor L (C, C) of a symmetric matrix L L' with W diagonals from the main one down."""
+
+    diagonals: Array  # (W, C) of L, in scipy's lower form: row d is the d-th diagonal below the main one
+
+    @staticmethod
+    def factor_squares(rows: Any, added: float) -> BandedFactor:
+        """Factor B'B + added I (C, C) of rows B (rows, C) by Cholesky's method.
+
+        Rows with entries in the same columns form a group, whose products of entries are added at once.
+
+        Args:
+            rows: B as `banded_rows` returns it, with ascending first columns.
+            added: number that is added to the diagonal of B'B.
+        """
+        from scipy.linalg import cholesky_banded
+
+        width = int(rows.indptr[1])  # W, the number of entries of a row
+        entries = rows.data.reshape(-1, width)
+        # of each group, rows in the same columns: its first column, and its first row
+        columns, first_rows = np.unique(rows.indices[::width], return_index=True)
+        groups = np.split(entries, first_rows[1:])
+        products = np.stack([group.T @ group for group in groups])  # (groups, W, W)
+        diagonals = np.zeros((width, rows.shape[1]))  # diagonal d below the main one in row d
+        diagonals[0] = added
+        # entry (i, k) of a group's product, i >= k, is i - k below the diagonal, in the group's column k
+        for k in range(width):  # no two groups share their k-th column, so that += adds each product
+            diagonals[: width - k, columns + k] += products[:, k:, k].T
+        return BandedFactor(cholesky_banded(diagonals, lower=True, check_finite=False))
+
+    def solve(self, right: Array) -> Array:
+        """Solve L L' y = right for y (C, k), with k right sides (C, k)."""
+        from scipy.linalg import cho_solve_banded
+
+        is_lower = True  # the factor is L, not its transpose
+        return np.asarray(cho_solve_banded((self.diagonals, is_lower), right, check_finite=False))

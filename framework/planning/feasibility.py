@@ -27,8 +27,6 @@ from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 from framework.tolerances import RANK_ROUNDING
 
-LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
-
 
 @dataclass(frozen=True)
 class Feasibility:
@@ -141,7 +139,11 @@ class Feasibility:
                 demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
         return demand
 
-    def _consequence_texts(self) -> list[str]:
+    def _consequence_texts(
+        self,
+        *,
+        large_curvature: float = 4.0,  # of |s"| / s'^2; polynomial laws reach no larger values
+    ) -> list[str]:
         """Return the consequences for speed, duration and path, as clauses."""
         if self.acceleration is None:
             return []
@@ -156,7 +158,7 @@ class Feasibility:
             clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         else:
             clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
-        if abs(curvature) > LARGE_CURVATURE:
+        if abs(curvature) > large_curvature:
             clauses.append(
                 f"s' changes e-fold over {1 / abs(curvature):.2g} of the path there: make it smoother "
                 f"(straighter), or nearer to t_s"

@@ -15,10 +15,10 @@ from framework.errors import InvalidInput, choose_from, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot, length_units
 from framework.laws.law import is_number, law_derivatives
 from framework.numerics.arrays import Array
+from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.tolerances import SAME_PLACE
 
 RATES = ("", "/s", "/s2")  # suffixes of units, indexed by the order of the time derivative
-MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 DEFAULT_ROWS = 1501  # instants of a table without a stated number or period
 NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a quantity
 
@@ -73,12 +73,12 @@ def sample_times(duration: float, count: int, period: float | None = None) -> Ar
     """Return `count` equidistant instants [s], or the multiples of a period and the end.
 
     Raises:
-        InvalidInput: `count` is no whole number from MIN_SAMPLES to MAX_SAMPLES; the period is longer than
-            the duration, or so short that there are more than MAX_SAMPLES instants.
+        InvalidInput: `count` is no whole number from MIN_ROWS to MAX_ROWS; the period is longer than
+            the duration, or so short that there are more than MAX_ROWS instants.
     """
     if period is None:
-        return np.linspace(0.0, duration, whole_number("samples", count, MIN_SAMPLES, MAX_SAMPLES))
-    least = duration / (MAX_SAMPLES - 1)
+        return np.linspace(0.0, duration, whole_number("samples", count, MIN_ROWS, MAX_ROWS))
+    least = duration / (MAX_ROWS - 1)
     if not (is_number(period) and least <= period <= duration):
         raise InvalidInput(f"period: needs {least:.3g} to {duration:.6g} s, the duration, got {period!r}")
     # the last period may be shorter, but not by rounding alone

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.elasticity import Pass, evaluate_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.motor_friction import speed_signs
@@ -54,10 +54,6 @@ from framework.planning.refusals import check_advance
 from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
-
-CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
-MAX_NAMES = 4  # of springs or idle turns that are listed by name
-
 
 # ------------------------------------------------------------------ the corrected law
 
@@ -110,7 +106,13 @@ class CorrectedLaw(ExactLaw):
         return values
 
 
-def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
+def _correction_intervals(
+    law: MotionLaw,
+    times: Array,
+    *,
+    # half-width of a local correction divided by the time to the next crossing or end
+    corrected_share: float = 0.9,
+) -> list[tuple[float, float]]:
     """Return the start and end [s] of each correction of a law that crosses at times (k,).
 
     A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
@@ -120,7 +122,7 @@ def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, flo
     if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
-    half_widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    half_widths = corrected_share * np.minimum(gaps[:-1], gaps[1:])
     return list(zip(times - half_widths, times + half_widths, strict=True))
 
 
@@ -464,10 +466,10 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
 
-def _list_names(names: Sequence[str]) -> str:
-    """Return at most MAX_NAMES names and the number of the rest, in words."""
-    rest = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+def _list_names(names: Sequence[str], *, max_names: int = 4) -> str:
+    """Return at most `max_names` names and the number of the rest, in words."""
+    rest = len(names) - max_names
+    return ", ".join(names[:max_names]) + (f" and {rest} more" if rest > 0 else "")
 
 
 # ------------------------------------------------------------------ friction, idle turns

@@ -21,8 +21,9 @@ import numpy as np
 
 from framework.errors import InvalidInput, NoAnswer, NoLaw, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.curves import Spline
 from framework.laws.law import is_number
-from framework.laws.path import Path, Spline
+from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.planning.feasibility import feasibility_on_path
 from framework.planning.plan import plan_request
@@ -38,9 +39,6 @@ END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, th
 # of the size of errors in building a robot. COMPARED_BENDS is the number of bends from the least sufficient
 # one to the largest whose torques are compared.
 DOUBLED_BENDS, COMPARED_BENDS = 8, 6
-# After the bisections the least bend is known to a factor of 2^(1/8), or 9 %; it is multiplied by RESERVE.
-BISECTIONS, RESERVE = 3, 1.1
-MIN_INTERVALS = 9  # least number of intervals of the bent spline
 
 
 class BendChoice(NamedTuple):
@@ -154,7 +152,12 @@ class _Modification(NamedTuple):
                     choices.append(BendChoice(bend, larger.peak_torque))
         return self._measure(plan, tuple(choices))
 
-    def _find_least(self) -> tuple[float, CrossingPlan] | None:
+    def _find_least(
+        self,
+        *,
+        max_bisections: int = 3,  # after which the least bend is known to a factor of 2^(1/8), or 9 %
+        reserve: float = 1.1,  # by which the least bend is multiplied
+    ) -> tuple[float, CrossingPlan] | None:
         """Find the least sufficient bend with a reserve, and its plan.
 
         The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
@@ -169,7 +172,7 @@ class _Modification(NamedTuple):
             return None
 
         refused = 0.5 * share
-        bisections = BISECTIONS if abs(share) > shares[0] else 0  # half of the first bend was not tried
+        bisections = max_bisections if abs(share) > shares[0] else 0  # half of the first bend was not tried
         for _ in range(bisections):
             middle = np.copysign(np.sqrt(refused * share), share)
             middle_plan = self.plan_bent(middle)
@@ -178,7 +181,7 @@ class _Modification(NamedTuple):
             else:
                 share, plan = middle, middle_plan
 
-        with_reserve = RESERVE * share
+        with_reserve = reserve * share
         reserved = self.plan_bent(with_reserve)
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
@@ -225,13 +228,13 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
-def _choose_intervals(path: Path, c: float) -> int:
+def _choose_intervals(path: Path, c: float, *, min_intervals: int = 9) -> int:
     """Choose the number of intervals of the bent spline.
 
     The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge
     between panels in time, which no crossing may meet.
     """
-    least = MIN_INTERVALS + 2 * len(path.knots)
+    least = min_intervals + 2 * len(path.knots)
     candidates = range(least - 1, least + 3)
     return min(candidates, key=lambda count: abs(c * count % 1.0 - 0.5))  # distance from an interval's middle
 

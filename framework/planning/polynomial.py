@@ -41,18 +41,12 @@ from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
 PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
-ACCELERATION_STEP = 1e-4  # of differences in s" at a crossing, times the duration squared
-MAX_BALANCES = 40  # of law and deflections, until the polynomial passes the crossings
 # `Law.least_speed_ratio` (least speed over the mean, without the zeros at the ends) that a chosen law should
 # have.
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
-MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
-# Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
-# LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
+# laws that each round of the search draws for each open time or speed; largest number of rounds
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
-LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
-DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
 
 # from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
 Measure = Callable[[Array, Array], tuple[Array, Array]]
@@ -119,7 +113,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _find_balanced_law(
-    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime]
+    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime], *, max_balances: int = 40
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
@@ -139,7 +133,7 @@ def _find_balanced_law(
     times = np.array([time for time, _ in timing])
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
-    for _ in range(MAX_BALANCES):
+    for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
         crossings = _deformed_crossings(to_cross, timing, deflections.evaluate, law)
         places = np.array([point.s for point, _ in crossings])
@@ -155,6 +149,8 @@ def _balance_accelerations(
     timing: Sequence[CrossingTime],
     crossings: Sequence[PlannedCrossing],
     start: KnownDeflections | None,
+    *,
+    acceleration_step: float = 1e-4,  # of differences in s" at a crossing, times the duration squared
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
@@ -177,7 +173,7 @@ def _balance_accelerations(
 
     no_shift = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
-    difference_steps = no_shift + ACCELERATION_STEP / request.fixed_duration**2  # (k,) [1/s^2]
+    difference_steps = no_shift + acceleration_step / request.fixed_duration**2  # (k,) [1/s^2]
     if start is not None and not np.array_equal(start.splines.panels, edges):
         start = None  # its panels end elsewhere
     balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
@@ -402,7 +398,13 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
     return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
-def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
+def _score_laws(
+    duration: float,
+    measure: Measure,
+    timings: Array,
+    *,
+    min_separation: float = 1e-3,  # of crossings from each other and from the ends, over the duration
+) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
     The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
@@ -415,7 +417,7 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
-    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
+    possible = (separation >= min_separation * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
     advances, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
@@ -424,7 +426,14 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
 
 
 def _search_timings(
-    starts: Array, request: Request, score_laws: Callable[[Array], Array]
+    starts: Array,
+    request: Request,
+    score_laws: Callable[[Array], Array],
+    *,
+    # standard deviation in the first round, of times over the duration and of log speeds
+    draw_spread: float = 0.1,
+    laws_per_survivor: int = 8,  # the best one in so many is kept in each round
+    min_spread: float = 1e-4,  # of the survivors' scores; below, the search ends
 ) -> tuple[Array, float]:
     """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
@@ -449,7 +458,7 @@ def _search_timings(
     first_laws = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]  # laws drawn in each round
     centres = first_laws[random.integers(len(starts), size=count)]
-    drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
+    drawn = centres + is_open * draw_spread * random.standard_normal(centres.shape)
 
     # the survivors, best first, with their scores, and the mean of the survivors of the round before
     laws = first_laws[:1]
@@ -459,9 +468,9 @@ def _search_timings(
         # survivors of the round before stay in the race
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, score_laws(to_timings(drawn))])
-        survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
+        survivors = np.argsort(-scores, kind="stable")[: count // laws_per_survivor]
         laws, scores = laws[survivors], scores[survivors]
-        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - min_spread:
             break
         drawn = _draw_laws(random, count, laws, mean)
         mean = laws.mean(axis=0)

@@ -22,12 +22,10 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.numerics.peaks import peak_sizes
+from framework.numerics.chebyshev import peak_sizes
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
-MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few units
 SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
-MAX_SMOOTHNESS = 12
 MOTION_SAMPLES = 1001  # equidistant values of s, or instants, at which a path or a motion is measured
 PEAK_SAMPLES = 2 * MOTION_SAMPLES - 1  # instants at which peaks are located and limits are checked
 
@@ -141,9 +139,13 @@ class Request(PlanOptions):
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 
-    def _check_crossings(self) -> None:
+    def _check_crossings(
+        self,
+        *,
+        max_paths: float = 1e6,  # largest s' at a crossing times the duration; feasible laws have a few
+    ) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
-        largest = np.inf if self.duration is None else MAX_PATHS_PER_DURATION / self.duration
+        largest = np.inf if self.duration is None else max_paths / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
                 raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
@@ -186,7 +188,7 @@ class Request(PlanOptions):
             ).advising({"smoothness": HIGHEST_SMOOTHNESS})
 
 
-def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
+def checked_smoothness(robot: ParallelRobot, smoothness: int | None, *, largest: int = 12) -> int:
     """Return the order up to which derivatives of s vanish at both ends.
 
     The default is the least valid one: the torques contain at least the derivatives of s up to this order.
@@ -200,9 +202,9 @@ def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
         return least
     if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
         raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
-    if not least <= smoothness <= MAX_SMOOTHNESS:
+    if not least <= smoothness <= largest:
         raise InvalidInput(
-            f"smoothness: got {smoothness}, valid: {least} .. {MAX_SMOOTHNESS} (the torque of a "
+            f"smoothness: got {smoothness}, valid: {least} .. {largest} (the torque of a "
             f"{robot.flexibility} robot contains derivatives of s up to order {least} at least; fewer zeros "
             f"make it jump there)"
         ).advising({"smoothness": None})

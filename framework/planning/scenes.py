@@ -11,7 +11,8 @@ from typing import Any
 from framework.dynamics.motor_limits import is_limited
 from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.laws.path import Arc, Line, Path, Polyline, Spline
+from framework.laws.curves import Arc, Polyline, Spline
+from framework.laws.path import Line, Path
 from framework.model.description import Scene
 from framework.model.documents import prefix_errors
 from framework.planning.options import OPTIONS

@@ -67,7 +67,6 @@ from framework.proofs.study_quadric import (
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
 SAMPLE_POSES = 60  # of a leg: more than three for each of the 17 functions
-MAX_LEGS = 32  # a robot with more chains from the base to the platform has no conditions
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +238,12 @@ class _Edge(NamedTuple):
     forward: bool  # from parent to child, or from a closure's first frame to its second
 
 
-def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+def find_leg_conditions(
+    robot: ParallelRobot,
+    q: Array,
+    *,
+    max_legs: int = 32,  # a robot with more chains from the base to the platform has no conditions
+) -> LegConditions | None:
     """Find the conditions of all legs, motors as in q (nq,); None if too few.
 
     The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
@@ -252,7 +256,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     conditions = list[Array]()
     rounding = 0.0
     for count, chain in enumerate(_leg_chains(robot)):  # each chain is a leg
-        if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
+        if count == max_legs or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
         # conditions are the combinations of the group's functions that are zero in all poses of the leg
         R, p = sampler.sample_displacements(chain, group.only_translates)

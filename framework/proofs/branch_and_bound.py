@@ -16,7 +16,6 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, gamma
 
-BATCH = 1024  # pieces tested at a time
 NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
 Record = TypeVar("Record")  # of the proved pieces
@@ -48,6 +47,7 @@ def branch_and_bound(
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
+    batch: int = 1024,
 ) -> Partition[Stack, Record]:
     """Test the pieces of a region until all are decided or `max_examined` are tested.
 
@@ -69,9 +69,9 @@ def branch_and_bound(
     while len(pending[0]) and examined < max_examined:  # pending[0] is the first array of the stack
         if distance is not None:
             pending = select(pending, np.argsort(distance(pending), kind="stable"))
-        result = test(select(pending, slice(BATCH)))
-        examined += min(BATCH, len(pending[0]))
-        pending = join([result.pending, select(pending, slice(BATCH, None))])
+        result = test(select(pending, slice(batch)))
+        examined += min(batch, len(pending[0]))
+        pending = join([result.pending, select(pending, slice(batch, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
         if distance is not None:  # only pieces nearer than all undecided ones are of interest

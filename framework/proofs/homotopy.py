@@ -47,15 +47,10 @@ from framework.tolerances import (
     NEWTON_STEP,
 )
 
-MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 NEWTON_STEPS = 3  # that correct a predicted point, and that refine a solution
-FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
-STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
 MONODROMY_ROUNDS = 60
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
 ENDGAME_SEGMENT_RATIO = 0.25
-ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
-AGREEING_EXPONENTS = 3  # exponents of successive segments that must agree to decide how a path ends
 
 Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
 
@@ -101,10 +96,12 @@ def find_real_solutions(
     group: Displacements,
     coefficients: Array,
     rounding: float = LEG_COEFFICIENT_ROUNDING,
+    *,
+    max_attempts: int = 4,  # each along other paths, while some are lost
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
-    Of at most MAX_ATTEMPTS attempts along different paths, the result is the one with the fewest doubts.
+    Of at most `max_attempts` attempts along different paths, the result is the one with the fewest doubts.
 
     Args:
         group: the displacements among which the solutions are, with M functions.
@@ -118,7 +115,7 @@ def find_real_solutions(
 
     rows, slack = group.eliminate_square(coefficients, rounding)  # equivalent, with bounds on their errors
     attempts = list[RealSolutions]()
-    for seed in range(1, MAX_ATTEMPTS + 1):
+    for seed in range(1, max_attempts + 1):
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
@@ -273,20 +270,29 @@ class TrackedPaths(NamedTuple):
 
 
 def track_paths(
-    group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
+    group: Displacements,
+    start: ComplexArray,
+    end: ComplexArray,
+    z: ComplexArray,
+    rng: np.random.Generator,
+    *,
+    steps_before_growth: int = 4,  # successive good steps before the step is doubled
+    first_step: float = 0.05,  # share of the line of coefficients
+    min_step: float = 1e-9,  # share of the line of coefficients
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
     The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good,
-    and taken, if the last Newton correction is small. After STEPS_BEFORE_GROWTH good steps in a row the step
-    is doubled, after a step that is not good it is halved. A path is lost if its step is below MIN_STEP.
+    and taken, if the last Newton correction is small. After `steps_before_growth` good steps in a row the
+    step is doubled, after a step that is not good it is halved. A path is lost if its step is below
+    `min_step`.
     """
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
     homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
     t = np.zeros(len(z))  # (S,) of each path, like the next two
-    step = np.full(len(z), FIRST_STEP)
+    step = np.full(len(z), first_step)
     good_steps = np.zeros(len(z), dtype=int)  # successive ones
     live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
@@ -299,11 +305,11 @@ def track_paths(
 
         # adapt the step of each path
         good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
-        grows = good_steps[live] >= STEPS_BEFORE_GROWTH
+        grows = good_steps[live] >= steps_before_growth
         good_steps[live[grows]] = 0  # count again
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
-        live = live[(step[live] >= MIN_STEP) & (t[live] < 1.0)]
+        live = live[(step[live] >= min_step) & (t[live] < 1.0)]
     return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
@@ -369,6 +375,9 @@ def _run_endgame(
     last: ComplexArray,
     live: BoolArray,
     rng: np.random.Generator,
+    *,
+    segments: int = 18,  # the last ends at 1e-11 of the line: coefficients are known no better
+    agreeing: int = 3,  # exponents of successive segments that must agree to decide how a path ends
 ) -> None:
     """Classify paths by their growth over shrinking segments, in place.
 
@@ -387,7 +396,7 @@ def _run_endgame(
     start, target = line
     segment_start = start
     log_sizes = [np.log(displacement_sizes(group, last))]
-    for segment in range(1, ENDGAME_SEGMENTS + 1):
+    for segment in range(1, segments + 1):
         if not live.any():
             break
         # track all paths to the end of the next segment; those that do not arrive there are lost
@@ -397,11 +406,11 @@ def _run_endgame(
         live[live] = tracked.arrived
         log_sizes.append(np.log(displacement_sizes(group, last)))
         segment_start = segment_end
-        if segment < AGREEING_EXPONENTS:
+        if segment < agreeing:
             continue
 
-        # classify: changes (A, S) over the last A = AGREEING_EXPONENTS segments, and the exponents w (A, S)
-        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)
+        # classify: changes (A, S) over the last A = `agreeing` segments, and the exponents w (A, S)
+        changes = np.diff(log_sizes[-agreeing - 1 :], axis=0)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)

@@ -36,9 +36,7 @@ from framework.proofs.rounding import (
 )
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
-MAX_TESTS = 6  # of a box, which is widened after each test that fails
 MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes
-RANDOM_CHARTS = 200  # of which the best is taken
 
 
 class NewtonMap(NamedTuple):
@@ -82,14 +80,14 @@ class NewtonMap(NamedTuple):
 Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
-def widen_until_proved(test: Callable[[Array], Tested], radii: Array) -> Tested:
+def widen_until_proved(test: Callable[[Array], Tested], radii: Array, *, max_tests: int = 6) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
-    `test` takes radii (S, k) and returns its record of the boxes. At most MAX_TESTS tests are made. Wider
+    `test` takes radii (S, k) and returns its record of the boxes. At most `max_tests` tests are made. Wider
     radii are at least MIN_RADIUS, and MAX_RADIUS or little more at most.
     """
     tested = test(radii)
-    for _ in range(MAX_TESTS - 1):
+    for _ in range(max_tests - 1):
         if tested.proved.all():
             break
         wider = np.minimum(WIDENING_RATIO * tested.image, MAX_RADIUS) + MIN_RADIUS
@@ -193,14 +191,14 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
     return widen_until_proved(test, 2 * first_image + MIN_RADIUS)
 
 
-def choose_chart(z: ComplexArray) -> Array:
+def choose_chart(z: ComplexArray, *, random_charts: int = 200) -> Array:
     """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
 
-    Of RANDOM_CHARTS unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.
+    Of `random_charts` unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.
     """
-    charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
+    charts = np.random.default_rng(0).standard_normal((random_charts, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
-    heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)  # (RANDOM_CHARTS, S)
+    heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)  # (random_charts, S)
     return charts[np.argmax(heights.min(axis=1, initial=np.inf))]
 
 

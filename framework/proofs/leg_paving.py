@@ -27,9 +27,6 @@ from framework.proofs.interval_newton import LinearEnclosure, contract, damped_i
 from framework.proofs.rounding import ROUND_UP, identity_defect
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
-MAX_JOINTS = 4  # of a leg that is paved
-MAX_BOXES = 60_000  # tested for a leg
-
 Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and radii (B, n) of boxes
 
 
@@ -74,12 +71,12 @@ def are_leg_solutions_complete(
     return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
 
 
-def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
+def _is_paveable(robot: ParallelRobot, own: IntArray, *, max_joints: int = 4) -> bool:
     """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
     """
-    if len(own) > MAX_JOINTS or np.count_nonzero(robot.sliding[own]) > 1 or robot.rows.has_couplings:
+    if len(own) > max_joints or np.count_nonzero(robot.sliding[own]) > 1 or robot.rows.has_couplings:
         return False
     return single_columns(robot.model).issuperset(own.tolist())
 
@@ -136,7 +133,9 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
     return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
-def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSolutions) -> bool:
+def has_only_known_solutions(
+    equations: Equations, region: Boxes, known: KnownSolutions, *, max_boxes: int = 60_000
+) -> bool:
     """Return whether the boxes of a region provably hold only known solutions; False if undecided.
 
     The region, the `equations` and the solutions have one offset for each joint [rad, robot lengths]. A box
@@ -161,7 +160,7 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
     # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
     # box, so that the search ends with the first one.
     partition = branch_and_bound(
-        test, region, max_examined=MAX_BOXES, distance=lambda boxes: np.zeros(boxes.size)
+        test, region, max_examined=max_boxes, distance=lambda boxes: np.zeros(boxes.size)
     )
     return not (partition.undecided.size or partition.pending.size)
 

@@ -24,13 +24,10 @@ from framework.proofs.rounding import approximate_inverses
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 300  # of a search for all solutions
-STARTS_PER_POSE = 24  # of the platform
-RANDOM_SEED = 11
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 
 
 def find_joints_at_pose(
-    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None
+    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None, *, start_count: int = 24
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
@@ -53,7 +50,7 @@ def find_joints_at_pose(
         turns, turn_slopes = attitude_equations(frames, rotation)
         return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
-    starts = draw_starts(robot, q, robot.passive, STARTS_PER_POSE)
+    starts = draw_starts(robot, q, robot.passive, start_count)
     ends, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     poses = remove_whole_turns(robot, ends[closed])
     return min(poses, key=partial(distance_from_reference, robot), default=None)
@@ -77,11 +74,14 @@ def close_all_loops(
     q: Array,
     columns: IntArray,
     extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
+    *,
+    max_steps: int = 40,  # of Newton's method
+    max_step: float = 0.6,  # [rad, robot lengths] largest motion of a joint in one step
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q (T, nq), mask (T,) of closed loops.
 
     Redundant equations are included, so each step solves a least-squares problem; steps are cut to
-    MAX_SEARCH_STEP. One more step after all loops are closed reduces the residuals to rounding.
+    `max_step`. One more step after all loops are closed reduces the residuals to rounding.
 
     Args:
         columns: of the joints that move, in the velocity vector.
@@ -89,7 +89,7 @@ def close_all_loops(
             along all joints, dimensionless.
     """
     is_last = False  # whether the step after all loops were closed has been taken
-    for _ in range(MAX_SEARCH_STEPS):
+    for _ in range(max_steps):
         frames = frames_at(robot, q)
         values, slopes = scaled_equations(robot, robot.rows, frames)
         if extra_equations is not None:
@@ -102,14 +102,16 @@ def close_all_loops(
             break
         is_last = bool((residual < LOOP_GAP).all())
 
-        # a step of least norm, shortened so that no joint moves by more than MAX_SEARCH_STEP
+        # a step of least norm, shortened so that no joint moves by more than `max_step`
         step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
-        step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
+        step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / max_step, 1.0)
         q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
     return q, residual < LOOP_GAP
 
 
-def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
+def draw_starts(
+    robot: ParallelRobot, q: Array, columns: IntArray, count: int, *, random_seed: int = 11
+) -> Array:
     """Draw configurations (count, nq): q (nq,) itself, then q with some joints at random.
 
     These joints have the `columns` (k,) of the velocity vector. Hinges turn by up to half a turn, slides move
@@ -117,7 +119,7 @@ def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -
     """
     max_step = np.where(robot.sliding[columns], robot.length, np.pi)  # (k,) [rad, m]
     steps = np.zeros((count, len(columns)))
-    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-max_step, max_step, (count - 1, len(max_step)))
+    steps[1:] = np.random.default_rng(random_seed).uniform(-max_step, max_step, (count - 1, len(max_step)))
     return integrate_columns(robot, q, columns, steps)
 
 

@@ -47,16 +47,19 @@ from framework.proofs.rounding import (
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
-MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
 MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
-STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
 MAX_TURN = np.pi / 2 / ROUND_UP  # [rad] of a ball; beyond a right angle the sine has two angles
 OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
-PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
 
 def prove_regular_ball(
-    robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
+    robot: ParallelRobot,
+    q: Array,
+    x: Array,
+    within: float,
+    *,
+    max_cells: int = MAX_CELLS,
+    max_work: float = 3e8,  # number of cells times the fourth power of the number of joints: some seconds
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
@@ -82,11 +85,11 @@ def prove_regular_ball(
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return single_radius
     # the work of a cell grows as the fourth power of the number of joints
-    affordable_cells = int(MAX_WORK / len(robot.moving) ** 4)
+    affordable_cells = int(max_work / len(robot.moving) ** 4)
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
 
-def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
+def _prove_one_cell(test: CellTest, q: Array, within: float, *, steps_per_octave: int = 20) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
     First the radii `within` / 2^k [robot lengths, rad] are tried, down to rounding. Then radii in small
@@ -96,7 +99,7 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     halved = _largest_proved(test, q, np.ldexp(within, -halvings))
     if not halved:
         return 0.0
-    radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
+    radii = halved * np.exp2(np.arange(steps_per_octave) / steps_per_octave)
     return _largest_proved(test, q, radii[radii <= within])
 
 
@@ -402,12 +405,16 @@ def _passive_block_is_regular(
     return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))  # Y is zero where P_m is singular
 
 
-def _spectral_radius_below_one(N: Array) -> BoolArray:
+def _spectral_radius_below_one(
+    N: Array,
+    *,
+    shift: float = 0.1,  # share of the largest row sum, added to all row sums to make positive weights
+) -> BoolArray:
     """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,); False if undecided.
 
     This holds if N w < w for a vector w > 0 (Collatz 1942). The best w is the Perron eigenvector. The row
-    sums are close to it; PERRON_SHIFT times the largest row sum is added to all of them, so that w > 0.
+    sums are close to it; `shift` times the largest row sum is added to all of them, so that w > 0.
     """
     sums = N.sum(axis=2)
-    w = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)
+    w = sums + shift * sums.max(axis=1, keepdims=True)
     return np.asarray((ROUND_UP * np.matvec(N, w) < w).all(axis=1))

@@ -44,13 +44,6 @@ from framework.proofs.interval_newton import (
 from framework.proofs.krawczyk import prove_existence
 from framework.proofs.rounding import ROUND_UP
 
-RESOLUTION = 1e-3  # [m], or in robot lengths of turns
-SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
-MAX_BOXES = 500_000  # tested for each set
-TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test, divided by those of the box itself
-WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: widens tested boxes for curved arcs
-MIN_SIZE_RATIO = 0.01  # a box smaller than this share of the resolution is left undecided
-
 
 @dataclass(frozen=True, eq=False)
 class PavedSet(ReadOnlyArrays):
@@ -106,9 +99,9 @@ def pave_singularities(
     robot: ParallelRobot,
     *,
     window: ArrayLike | None = None,
-    resolution: float = RESOLUTION,
-    reach: float = SLIDE_REACH,
-    max_boxes: int = MAX_BOXES,
+    resolution: float = 1e-3,
+    reach: float = 1.2,
+    max_boxes: int = 500_000,
 ) -> SingularPaving:
     """Enclose all Type 1 and Type 2 poses of a robot with one or two freedoms, over all modes.
 
@@ -321,6 +314,9 @@ class SingularBoxTest:
     block: SingularSet  # the block of dF/dq that loses rank
     window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
     resolution: float  # [m, robot lengths] largest width of a box with an arc
+    tested_box_ratio: float = 1.5  # radii of the box of Krawczyk's test, divided by those of the box itself
+    widening: float = 4.0  # [1/rad] times the largest radius squared: widens tested boxes for curved arcs
+    min_size_ratio: float = 0.01  # a box smaller than this share of the resolution is left undecided
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut S boxes of k joints.
@@ -333,8 +329,8 @@ class SingularBoxTest:
         boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
 
         # Krawczyk's test proves arcs in boxes that are a little wider, by their radii (S, k)
-        wider = TESTED_BOX_RATIO * boxes.radii
-        wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
+        wider = self.tested_box_ratio * boxes.radii
+        wider += self.widening * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         equations = self._singular_equations(derivatives, loops, boxes.radii, wider)
         valid = equations.valid
         decision = self._decide_arcs(select(boxes, valid), wider[valid], select(equations, valid))
@@ -348,7 +344,7 @@ class SingularBoxTest:
         unfinished = ~remaining.empty
         unfinished[valid] &= ~decision.is_arc
         narrow = select(boxes.sub_boxes(*remaining), unfinished)
-        is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
+        is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < self.min_size_ratio * self.resolution
         undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, axis[unfinished], is_small)
         return Examined(decision.arcs, undecided, pending)
 

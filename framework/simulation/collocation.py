@@ -47,7 +47,6 @@ from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, Tangent
 from framework.tolerances import NEWTON_STEP
 
-REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate, or of its motion in a step, that is rounding
 
 
@@ -157,7 +156,14 @@ class StepEquations:
     length: float
     start: State
 
-    def solve(self, a: Array, multipliers: Array, accuracy: float) -> CollocationStep:
+    def solve(
+        self,
+        a: Array,
+        multipliers: Array,
+        accuracy: float,
+        *,
+        refactoring_rate: float = 0.02,  # ratio of Newton steps above which the matrix is factorised anew
+    ) -> CollocationStep:
         """Solve by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m).
 
         Args:
@@ -196,7 +202,7 @@ class StepEquations:
             # steps that double in size diverge, unless they are rounding; the first two may still grow
             if iteration > 2 and rate > 2.0 and newton_step > NEWTON_STEP:
                 raise StepFailed("Newton diverges")
-            if rate > REFACTORING_RATE:
+            if rate > refactoring_rate:
                 matrix = None
             last_newton_step = newton_step
         raise StepFailed("Newton does not converge")

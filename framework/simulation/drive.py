@@ -26,7 +26,6 @@ from framework.numerics.chebyshev import TimeFunction
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
-FEEDBACK_DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the differences of a feedback torque
 
 
 # ------------------------------------------------------------------ external wrenches
@@ -191,7 +190,15 @@ class Drive:
             t = np.where(is_break, instant - 8 * unit, t)
         return t
 
-    def gains(self, t: float, q: Array, v: Array) -> Array | None:
+    def gains(
+        self,
+        t: float,
+        q: Array,
+        v: Array,
+        *,
+        # [rad, m; rad/s, m/s] step of the differences of a feedback torque
+        feedback_difference: float = 1e-7,
+    ) -> Array | None:
         """Compute the derivatives (2, n_a, nv) of a feedback torque by q (nq,) and v (nv,) at t [s].
 
         None without feedback.
@@ -201,12 +208,12 @@ class Drive:
         nv = self.robot.nv
         times = np.full(nv, t)
         # central differences; row k of the stacks of nv states steps joint k
-        steps = FEEDBACK_DIFFERENCE * np.eye(nv)
+        steps = feedback_difference * np.eye(nv)
         same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
         ahead, back = integrate(self.robot, q, steps), integrate(self.robot, q, -steps)
         by_q = self(times, ahead, same_v) - self(times, back, same_v)  # (nv, n_a)
         by_v = self(times, same_q, v + steps) - self(times, same_q, v - steps)
-        return np.stack([by_q.T, by_v.T]) / (2 * FEEDBACK_DIFFERENCE)
+        return np.stack([by_q.T, by_v.T]) / (2 * feedback_difference)
 
     @staticmethod
     def of(

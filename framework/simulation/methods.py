@@ -40,9 +40,7 @@ from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
 from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
-DEFAULT_EXPLICIT_STEPS = 256  # of method explicit
 MAX_STEPS = 1_000_000  # of methods with steps of one length
-CLOSING_STEPS = 50.0  # steps in which open loops close; faster closing dominates the error estimate
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 
 
@@ -195,10 +193,17 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
         q, v = end
 
 
-def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
+def integrate_by_explicit_steps(
+    task: IntegrationTask,
+    settings: MethodSettings,
+    *,
+    # steps in which open loops close; faster closing dominates the error estimate
+    closing_steps: float = 50.0,
+    default_steps: int = 256,  # of method explicit
+) -> Integration:
     """Integrate a task by explicit steps of order 8, of about one length; see `explicit_steps`."""
-    edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
-    dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
+    edges = _step_edges(task, settings.step or task.duration / default_steps)
+    dynamics = ContactDynamics.of(task.equations, closing_steps * float(np.diff(edges).max()))
     steps = explicit_steps(dynamics, task.drive, task.start, edges)
     record = RunRecord(task, event_samples=4)
     trajectory, largest_error = _collect_steps(record, steps, edges)

@@ -33,6 +33,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import select_fields
 from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
@@ -251,11 +252,6 @@ def _path_errors(
     return tracking_error, turning_error[0] if turning_error else None
 
 
-DEFAULT_SAMPLES = 501
-SAMPLE_RANGE = (2, 10_000_000)
-STAGE_RANGE = (3, 30)
-
-
 def simulate(
     robot: ParallelRobot | PlannedMotion,
     drive: PlannedMotion | Callable[..., ArrayLike] | None = None,
@@ -271,7 +267,7 @@ def simulate(
     wrenches: Mapping[str, Any] | None = None,
     breaks: Sequence[float] = (),
     events: Sequence[Event] = (),
-    samples: int = DEFAULT_SAMPLES,
+    samples: int = 501,
     progress: Callable[[float], None] | None = None,
 ) -> Simulation:
     """Simulate the forward dynamics of a robot under motor torques.
@@ -313,7 +309,7 @@ def simulate(
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
     settings = _method_settings(method, tolerance, step, stages)
-    samples = whole_number("samples", samples, *SAMPLE_RANGE)
+    samples = whole_number("samples", samples, MIN_ROWS, MAX_ROWS)
     equations = EquationsOfMotion.of(robot, damping)
     complete_drive = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
@@ -340,7 +336,12 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: str, tolerance: float | None, step: float | None, stages: int | None
+    method: str,
+    tolerance: float | None,
+    step: float | None,
+    stages: int | None,
+    *,
+    stage_range: tuple[int, int] = (3, 30),
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
@@ -362,7 +363,7 @@ def _method_settings(
     if stages is not None:
         if not settings.stages:
             raise InvalidInput(f"stages: method {method} has none")
-        stages = whole_number("stages", stages, *STAGE_RANGE)
+        stages = whole_number("stages", stages, *stage_range)
         settings = settings._replace(stages=stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:

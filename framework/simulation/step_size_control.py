@@ -28,15 +28,6 @@ from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State
 from framework.tolerances import SAME_PLACE
 
-BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a bridging step, whose `unresolved` part is reported
-BRIDGED_SHORTENING = 8.0  # steps shorter than the usual one by this factor indicate a singularity
-BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # bridging steps over the usual step, tried in turn
-STEP_SAFETY = 0.8  # factor on the length that the estimate of the unresolved part allows
-NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
-# largest number of steps of a simulation; their number is extrapolated once so many steps are accepted
-MAX_STEPS, PROJECTED_AFTER = 20_000, 100
-GUESS_COEFFICIENTS = 4  # number of Legendre coefficients that are extrapolated to the next step
-
 
 def collocate(
     equations: EquationsOfMotion,
@@ -47,6 +38,8 @@ def collocate(
     stages: int,
     tolerance: float,
     longest: float,
+    max_steps: int = 20_000,  # of a simulation
+    projected_after: int = 100,  # accepted steps, from which their number is extrapolated
 ) -> Iterator[CollocationStep]:
     """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
@@ -89,17 +82,26 @@ def collocate(
             usual = max(candidate, 0.5 * usual)
             accepted += 1
             # at this rate the whole simulation needs accepted * duration / time steps
-            if accepted >= PROJECTED_AFTER and accepted * duration / time > MAX_STEPS:
+            if accepted >= projected_after and accepted * duration / time > max_steps:
                 raise _stalled_error(equations, time, candidate, "they are too many")
 
 
 def _step_lengths(
-    length: float, usual: float, remaining: float, shortest: float
+    length: float,
+    usual: float,
+    remaining: float,
+    shortest: float,
+    *,
+    # factor on the tolerance of a bridging step, whose `unresolved` part is reported
+    bridging_leniency: float = 1e3,
+    bridged_shortening: float = 8.0,  # steps shorter than the usual one by this factor indicate a singularity
+    # bridging steps over the usual step, tried in turn
+    bridging_ratios: tuple[float, ...] = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65),
 ) -> Iterator[tuple[float, float]]:
     """Yield the lengths [s] to try in turn for a step, each with its factor on the tolerance.
 
     The length is halved from try to try. Where steps become shorter than usual by the factor
-    BRIDGED_SHORTENING, longer ones that may bridge a singularity are tried once. Each length is adapted by
+    `bridged_shortening`, longer ones that may bridge a singularity are tried once. Each length is adapted by
     `_divide_evenly`, so that no tiny step is left over at the end.
 
     Args:
@@ -108,12 +110,12 @@ def _step_lengths(
         remaining: time to go until the torque may jump [s].
         shortest: length below which no step is tried [s].
     """
-    bridging = [min(ratio * usual, remaining) for ratio in BRIDGING_RATIOS]  # [s]; emptied once tried
+    bridging = [min(ratio * usual, remaining) for ratio in bridging_ratios]  # [s]; emptied once tried
     yield _divide_evenly(length, remaining), 1.0
     while (length := length / 2) >= shortest:
-        if length < usual / BRIDGED_SHORTENING:
+        if length < usual / bridged_shortening:
             for bridge in bridging:
-                yield _divide_evenly(bridge, remaining), BRIDGING_LENIENCY
+                yield _divide_evenly(bridge, remaining), bridging_leniency
             bridging = []
         yield _divide_evenly(length, remaining), 1.0
 
@@ -128,7 +130,12 @@ def _divide_evenly(length: float, remaining: float) -> float:
 
 
 def _try_step(
-    equations: StepEquations, previous: CollocationStep | None, tolerance: float, leniency: float
+    equations: StepEquations,
+    previous: CollocationStep | None,
+    tolerance: float,
+    leniency: float,
+    *,
+    newton_share: float = 0.01,
 ) -> CollocationStep:
     """Solve a step from a guess that is extrapolated from the previous one.
 
@@ -142,7 +149,7 @@ def _try_step(
         StepFailed: the step cannot be solved, or leaves more unresolved.
     """
     guess = _extrapolate_guess(equations.equations, equations.table, previous, equations.length)
-    step = equations.solve(*guess, NEWTON_SHARE * tolerance)
+    step = equations.solve(*guess, newton_share * tolerance)
     if step.unresolved > leniency * _admissible_part(equations.equations, step, tolerance):
         raise StepFailed("the motion is not resolved")
     return step
@@ -157,14 +164,16 @@ def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolera
     return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
 
 
-def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
+def _step_growth(
+    equations: EquationsOfMotion, step: CollocationStep, tolerance: float, *, step_safety: float = 0.8
+) -> float:
     """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
     admissible = _admissible_part(equations, step, tolerance)
     ratio = admissible / max(step.unresolved, LEAST_DIVISOR)
-    return STEP_SAFETY * float(ratio ** (1 / (step.table.stages + 1)))
+    return step_safety * float(ratio ** (1 / (step.table.stages + 1)))
 
 
 def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
@@ -187,7 +196,12 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 
 
 def _extrapolate_guess(
-    equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
+    equations: EquationsOfMotion,
+    table: Collocation,
+    previous: CollocationStep | None,
+    length: float,
+    *,
+    guess_coefficients: int = 4,  # number of Legendre coefficients that are extrapolated to the next step
 ) -> tuple[Array, Array]:
     """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of `length` [s].
 
@@ -198,6 +212,6 @@ def _extrapolate_guess(
         a = np.zeros((table.stages, equations.robot.nv))
         return a, np.zeros((table.stages, len(equations.rows.names)))
     c = 1.0 + table.nodes * (length / previous.length)  # new nodes; the previous step is [0, 1]
-    count = min(GUESS_COEFFICIENTS, table.stages)
+    count = min(guess_coefficients, table.stages)
     extrapolation = table.basis(c, count - 1) @ table.to_series[:count]  # (s, s) from old to new node values
     return extrapolation @ previous.a, extrapolation @ previous.multipliers

@@ -45,11 +45,6 @@ from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 MAX_CURVE_OFFSET = 0.05
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
-TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
-MAX_GROWTH = 2.0  # ratio of a step to the previous one
-MAX_CORRECTIONS = 6  # Newton steps
-MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
-MAX_POINTS = 3000  # from a start in one direction
 
 
 class Evaluated(NamedTuple):
@@ -216,7 +211,7 @@ class Curve(NamedTuple):
 
     points: Points  # in order along the curve; a closed curve ends with its first point
     # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
-    # rank); or long (MAX_POINTS)
+    # rank); or long (`max_points` of `_trace_from`)
     ends: tuple[str, str]
 
 
@@ -260,11 +255,18 @@ def trace_curve(
 
 
 def _trace_from(
-    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
+    equations: LocusEquations,
+    start: Points,
+    inside: Callable[[Array], BoolArray],
+    longest: float,
+    *,
+    turn_share: float = 0.8,  # share of MAX_TANGENT_TURN at which the next step aims
+    max_growth: float = 2.0,  # ratio of a step to the previous one
+    max_points: int = 3000,  # from a start in one direction
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at a turn of the tangent by `TURN_SHARE` of MAX_TANGENT_TURN, and is halved if it fails.
+    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN, and is halved if it fails.
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,).
@@ -276,7 +278,7 @@ def _trace_from(
     traced = [start]
     step = min(FIRST_STEP, longest)
     curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
-    while len(traced) < MAX_POINTS:
+    while len(traced) < max_points:
         point = traced[-1]
         ahead = advance(equations, point, step, curvature)
         if ahead is None:
@@ -294,7 +296,7 @@ def _trace_from(
         change = ahead.tangent - point.tangent
         curvature = change / step
         turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
-        step *= min(TURN_SHARE * MAX_TANGENT_TURN / turn, MAX_GROWTH)
+        step *= min(turn_share * MAX_TANGENT_TURN / turn, max_growth)
         step = min(step, longest)
     return join(traced), "long"
 
@@ -329,7 +331,15 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
+def advance(
+    equations: LocusEquations,
+    point: Points,
+    step: float,
+    curvature: Array,
+    *,
+    max_corrections: int = 6,
+    max_correction_ratio: float = 0.25,  # ratio of the sum of all corrections to the step
+) -> Points | None:
     """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
 
     The predictor is quadratic. Newton's method corrects the prediction normal to the tangent at `point`. None
@@ -341,14 +351,14 @@ def advance(equations: LocusEquations, point: Points, step: float, curvature: Ar
     """
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(max_corrections):
         evaluated = equations.evaluate(q, point.border)  # one border, so that g is one smooth function
         # solve dF/du change = -F and t' change = 0: the last equation keeps the change normal to the tangent
         values = np.append(evaluated.values, [[0.0]], axis=1)
         change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
         size = np.abs(change).max()
         correction += size
-        if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
+        if not correction < max_correction_ratio * step:  # also if the system is singular
             return None
         q = equations.move(q, change)
         if size < NEWTON_STEP:  # converged: `evaluated`, before the last step, holds at q as well

@@ -23,10 +23,6 @@ from framework.singularity.traced_locus import REGION_REACH, trace_locus
 from framework.singularity.type2 import has_signed_measure, measure_gradient
 from framework.tolerances import NEWTON_STEP, SAME_PLACE
 
-PATCH_POINTS = 11  # number of points along an edge of the patch
-PATCH_SIZE = 0.12  # [robot lengths] half an edge of the patch
-MAX_PATCH_HEIGHT = 0.2  # [robot lengths] distance from the tangent plane; a higher patch is not drawn
-
 
 class LocusCurves(NamedTuple):
     """Curves of the locus over a plane of the workspace, in one working mode."""
@@ -62,10 +58,17 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     return LocusCurves(curves, axes=(first, second), about=x.copy(), reach=REGION_REACH * robot.length)
 
 
-def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
+def locus_patch(
+    robot: ParallelRobot,
+    q: Array,
+    x: Array,
+    *,
+    edge_points: int = 11,  # along an edge of the patch
+    half_edge: float = 0.12,  # [robot lengths] half an edge of the patch
+) -> Array | None:
     """Compute a patch (m, m, 3) [m] of the singular surface about a singular pose q (nq,), x (n,).
 
-    A grid of m = PATCH_POINTS by m points on the tangent plane, normal to the gradient of g, is moved along
+    A grid of m = `edge_points` by m points on the tangent plane, normal to the gradient of g, is moved along
     the normal onto g = 0 by Newton's method. The platform keeps its orientation. None unless the platform has
     exactly three translations and g has a sign; or if the grid does not reach the surface.
     """
@@ -77,25 +80,34 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     except NotAssembled:  # also a Type 1 singularity, where the platform's motion determines no gradient
         return None
     # a grid on the tangent plane
-    span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length  # [m]
+    span = np.linspace(-half_edge, half_edge, edge_points) * robot.length  # [m]
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)  # (m m, 2)
     unit_vectors = np.linalg.svd(gradients).Vh  # (3, 3) rows: the normal of the surface, then two tangents
     shifts = _move_onto_locus(robot, q, x, grid @ unit_vectors[1:], normal=unit_vectors[0])
     if shifts is None:
         return None
-    return (x[translations] + shifts).reshape(PATCH_POINTS, PATCH_POINTS, 3)
+    return (x[translations] + shifts).reshape(edge_points, edge_points, 3)
 
 
-def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, normal: Array) -> Array | None:
+def _move_onto_locus(
+    robot: ParallelRobot,
+    q: Array,
+    x: Array,
+    shifts: Array,
+    normal: Array,
+    *,
+    # [robot lengths] distance from the tangent plane; a higher patch is not drawn
+    max_patch_height: float = 0.2,
+) -> Array | None:
     """Move points (T, 3) [m] along a normal (3,) onto the locus.
 
-    None if the loops do not close somewhere, or the locus is farther away than MAX_PATCH_HEIGHT.
+    None if the loops do not close somewhere, or the locus is farther away than `max_patch_height`.
 
     Args:
         q, x: configuration (nq,) and platform coordinates (n,) of a pose.
         shifts: the points (T, 3) [m], relative to the platform in this pose, as is the result.
     """
-    farthest = MAX_PATCH_HEIGHT * robot.length
+    farthest = max_patch_height * robot.length
     height = np.zeros(len(shifts))  # [m] along the normal
     guess = np.tile(q, (len(shifts), 1))
     for _ in range(MAX_ITERATIONS):

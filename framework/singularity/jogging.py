@@ -33,9 +33,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
-# Least singular value over its usual size, below which a pose is near singular, or singular.
-NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01
-LIMIT_BISECTIONS = 8  # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
@@ -122,17 +119,23 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     )
 
 
-def _proximity_level(value: float, usual: float) -> str:
+def _proximity_level(
+    value: float,
+    usual: float,
+    *,
+    near_singular: float = 0.3,  # least singular value over its usual size
+    singular: float = 0.01,  # the same at a singular pose
+) -> str:
     """Return regular, near or singular by comparing a least singular value with its usual size.
 
     Args:
         value: the least singular value at a pose.
-        usual: that at the reference. At least SINGULAR_RATIO counts, as the reference may be nearly singular.
+        usual: that at the reference. At least `singular` counts, as the reference may be nearly singular.
     """
-    usual = max(usual, SINGULAR_RATIO)
-    if value >= NEAR_SINGULAR_RATIO * usual:
+    usual = max(usual, singular)
+    if value >= near_singular * usual:
         return "regular"
-    return "near" if value > SINGULAR_RATIO * usual else "singular"
+    return "near" if value > singular * usual else "singular"
 
 
 class LooseMotion(NamedTuple):
@@ -226,7 +229,14 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
     return _stop_at_limits(robot, start.q[0], pose_after)
 
 
-def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
+def _stop_at_limits(
+    robot: ParallelRobot,
+    q: Array,
+    pose_after: Callable[[float], JoggedPose],
+    *,
+    # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
+    limit_bisections: int = 8,
+) -> JoggedPose:
     """Find the last pose of a motion from q (nq,) within joint limits, by bisection.
 
     If q itself exceeds a limit, the limits are ignored.
@@ -241,7 +251,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
     last_inside = describe_jogged_pose(robot, q)
     inside, outside = 0.0, 1.0  # shares of the motion, within limits and beyond
-    for _ in range(LIMIT_BISECTIONS):
+    for _ in range(limit_bisections):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)
         if positions_beyond_limits(robot.limits, pose.q[None]):

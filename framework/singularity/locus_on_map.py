@@ -27,10 +27,8 @@ from framework.singularity.curve_tracing import LocusEquations, chord_offsets
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-MAX_MINIMA = 24  # number of minima of |g| from which curves start
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
-STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
 # index offsets (9, 2) of a cell (the first) and its eight neighbours
 NINE_CELLS = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])
 
@@ -165,7 +163,13 @@ def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> 
     return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices)))
 
 
-def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
+def _trace_near(
+    equations: LocusEquations,
+    poses: MapPoses,
+    starts: Array,
+    *,
+    steps_per_reach: float = 16.0,  # least number of steps of a curve along half an edge of its region
+) -> list[LocusCurve]:
     """Trace the locus over the map from starts (k, nq), in the working mode of the first start.
 
     The first start is the centre of the region in which curves are followed; the region covers the map.
@@ -183,7 +187,7 @@ def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> li
         starts=0,
         one_mode=True,
         near=list(starts),
-        longest=reach / STEPS_PER_REACH,
+        longest=reach / steps_per_reach,
     )
     return [curve for curve in traced.curves if curve.kind != "joints_only"]
 
@@ -206,8 +210,8 @@ def _sign_changes(g: Array) -> IntArray:
     return np.hstack([first, second])
 
 
-def _find_minima(g: Array) -> IntArray:
-    """Find indices (t, 2) of the MAX_MINIMA least local minima of |g| (I, J).
+def _find_minima(g: Array, *, max_minima: int = 24) -> IntArray:
+    """Find indices (t, 2) of the `max_minima` least local minima of |g| (I, J).
 
     At a minimum |g| is less than at all eight neighbours.
     """
@@ -219,7 +223,7 @@ def _find_minima(g: Array) -> IntArray:
     least_beside = minimum_filter(magnitude, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(magnitude < least_beside)  # (minima, 2)
     by_magnitude = np.argsort(magnitude[tuple(minima.T)], kind="stable")
-    return minima[by_magnitude[:MAX_MINIMA]]
+    return minima[by_magnitude[:max_minima]]
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:

@@ -23,16 +23,12 @@ from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
+from framework.numerics.chebyshev import PANEL_NODES, coefficients, extrema, nodes, real_roots, tail
 from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
-PANEL_NODES = 24
-CANDIDATE_DEPTH = 1e3  # largest |g| of a candidate, in tails of the series
-PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the series has a truncation error
-MAX_PANELS = 8  # about an extremum
 VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
 
 
@@ -158,14 +154,18 @@ class Candidate(NamedTuple):
     is_minimum: bool
 
 
-def find_candidates(resolved: list[Panel]) -> list[Candidate]:
+def find_candidates(
+    resolved: list[Panel],
+    *,
+    candidate_depth: float = 1e3,  # largest |g| of a candidate, in tails of the series
+) -> list[Candidate]:
     """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels.
 
     Minima count if |g| there is small compared with the largest |g| of the path.
     """
     # |g| on a panel is at most the sum of |coefficients|, as Chebyshev |T_k| <= 1
     largest = max(float(np.abs(panel.series).sum()) for panel in resolved)
-    level = CANDIDATE_DEPTH * MEASURE_TAIL * largest
+    level = candidate_depth * MEASURE_TAIL * largest
     candidates = list[Candidate]()
     for panel in resolved:
         # |g| is at least the constant coefficient less all others: no candidate if this is large
@@ -312,6 +312,10 @@ def extremum_near(
     s: float,
     size: int,
     scalar: Callable[[Array], Array] = determinant,
+    *,
+    # in s, of a panel about an extremum; halved while the series has a truncation error
+    half_width: float = 0.04,
+    max_panels: int = 8,
 ) -> Extremum:
     """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 
@@ -329,8 +333,8 @@ def extremum_near(
     """
     k = np.searchsorted(knots[1:-1], s, side="right")
     lowest, highest = knots[k : k + 2]  # between these knots g is smooth
-    half_width = PANEL_HALF_WIDTH
-    for _ in range(MAX_PANELS):
+    half_width = half_width
+    for _ in range(max_panels):
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
         stack = matrices(np.append(_panel_nodes(start, end), s))

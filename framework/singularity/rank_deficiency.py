@@ -33,8 +33,6 @@ from framework.tolerances import (
     TANGENTIAL_SLOPE,
 )
 
-SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
-
 
 class Contact(NamedTuple):
     """A point of the path at which the matrix loses rank.
@@ -236,7 +234,13 @@ def _loses_rank(measured: MeasuredMatrix, s: float, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> Contact | None:
+def _find_common_contact(
+    measured: MeasuredMatrix,
+    start: float,
+    size: int,
+    *,
+    radius: float = 5e-3,  # in s, from a candidate to the point at which several singular values vanish
+) -> Contact | None:
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
@@ -249,7 +253,7 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
     for _ in range(MAX_ITERATIONS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
         step = -np.sum(G * slope) / max(np.sum(slope * slope), LEAST_DIVISOR)  # in s
-        if not abs(s + step - start) < SEARCH_RADIUS:
+        if not abs(s + step - start) < radius:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
         if abs(step) < NEWTON_STEP:
@@ -263,7 +267,7 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
         s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
         kind = "tangential"
     # small singular values need not vanish
-    is_contact = abs(s - start) <= SEARCH_RADIUS and measured.count_lost_ranks(s) >= 2
+    is_contact = abs(s - start) <= radius and measured.count_lost_ranks(s) >= 2
     return Contact(s, kind) if is_contact else None
 
 

@@ -45,11 +45,8 @@ from framework.singularity.curve_tracing import (
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
-RANDOM_STARTS = 40  # number of random configurations from which the search begins
-MAX_CURVES = 100  # after which no further branches are traced
 # |det [dF/du ; t']| at a branch point over that of its neighbours. Closer by, the corrector loses digits.
 BRANCH_POINT_RATIO = 1e-6
-WAY_STEPS = 10  # number of steps from the region's centre to a random target
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
@@ -109,7 +106,7 @@ def trace_locus(
     *,
     free: tuple[str, str] | None = None,
     reach: float = REGION_REACH,
-    starts: int = RANDOM_STARTS,
+    starts: int = 40,
     one_mode: bool = False,
     near: Sequence[Array] = (),
     longest: float = MAX_STEP,
@@ -147,7 +144,7 @@ def trace_locus(
 
 
 def _trace_branches(
-    equations: LocusEquations, region: Region, solutions: Array, longest: float
+    equations: LocusEquations, region: Region, solutions: Array, longest: float, *, max_curves: int = 100
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
@@ -161,7 +158,7 @@ def _trace_branches(
     points = curve_points(solutions, equations.evaluate(solutions), previous=None)
     starts = [points.single(k) for k in range(len(solutions))]
     curves = list[tuple[Curve, list[Points]]]()
-    while starts and len(curves) < MAX_CURVES:
+    while starts and len(curves) < max_curves:
         start = starts.pop(0)
         if any(passes_point(equations, curve.points, start) for curve, _ in curves):
             continue
@@ -422,7 +419,7 @@ class Region(NamedTuple):
         return points if edge is None else join([points, edge])
 
 
-def draw_in_mode(region: Region, count: int) -> Array:
+def draw_in_mode(region: Region, count: int, *, steps: int = 10) -> Array:
     """Draw configurations (count, nq) of the region's working mode.
 
     The platform moves from the region's centre to random targets in steps. A configuration rests in a step
@@ -436,8 +433,8 @@ def draw_in_mode(region: Region, count: int) -> Array:
     displacement = np.zeros((count, robot.n))  # from the centre to the targets
     displacement[:, axes] = np.random.default_rng(0).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
-    for k in range(1, WAY_STEPS + 1):
-        x = region.x + k / WAY_STEPS * displacement
+    for k in range(1, steps + 1):
+        x = region.x + k / steps * displacement
         next_q, _, closed = close_each(robot, x, q, farthest=MAX_NEWTON_STEP)
         closed[closed] &= region.contains(next_q[closed])  # from here on: closed and in the region
         q = np.where(closed[:, None], next_q, q)

@@ -18,7 +18,7 @@ from framework import (
     simulate,
 )
 from framework.cli import main
-from framework.dynamics import elastic_pass
+from framework.dynamics import elasticity
 from framework.dynamics.forces import joint_forces
 from framework.model.robot_file_writer import write_robot_file
 from framework.model.urdf_edits import lock_joints
@@ -159,7 +159,7 @@ def test_the_certificate_sees_a_torque_that_does_not_belong_to_the_motion(flexib
         forces = joint_forces(robot, motion)
         return forces._replace(joint_torque=forces.joint_torque * np.where(np.arange(2) == motor, 1.001, 1.0))
 
-    monkeypatch.setattr(elastic_pass, "joint_forces", wrong)
+    monkeypatch.setattr(elasticity, "joint_forces", wrong)
     error = inverse_dynamics(robot, CLEAR, plan.law).certificate.max_residual_torque
     t = np.linspace(0.0, 1.5, 501)
     rotors = robot.rotor_inertia * plan.motor_angle(t, 2)

@@ -14,10 +14,10 @@ from framework.numerics.chebyshev import (
     coefficients,
     extrema,
     nodes,
+    peak_sizes,
     real_roots,
     tail,
 )
-from framework.numerics.peaks import peak_sizes
 
 START, END = 0.3, 1.8
 WHOLE = np.array([START, END])

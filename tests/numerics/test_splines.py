@@ -5,8 +5,13 @@ import pytest
 from scipy.interpolate import BSpline
 
 from framework.dynamics.deflection_splines import SPLINE_DEGREE, DeflectionSplines
-from framework.numerics.banded_rows import BandedFactor, banded_rows, column_sizes
-from framework.numerics.splines import find_intervals, spline_values
+from framework.numerics.splines import (
+    BandedFactor,
+    banded_rows,
+    column_sizes,
+    find_intervals,
+    spline_values,
+)
 
 RNG = np.random.default_rng(0)
 

@@ -27,7 +27,6 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
-HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # in s, of a continuation; the first accurate one is used
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
 # as many nodes as coefficients, plus an eighth of all nodes, whose misfit measures the error of the fit
 MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
@@ -166,7 +165,13 @@ class Branch(ReadOnlyArrays):
         return inside
 
 
-def with_continuation(branch: Branch, s: float) -> Branch | None:
+def with_continuation(
+    branch: Branch,
+    s: float,
+    *,
+    # in s, of a continuation; the first accurate one is used
+    half_widths: tuple[float, ...] = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005),
+) -> Branch | None:
     """Return the branch with a continuation about s; None if the branch is not smooth at s.
 
     Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
@@ -176,7 +181,7 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     piece = np.searchsorted(branch.path.knots, s, side="right")  # index of the smooth piece
     lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
     guesses = branch  # the branch with the continuation that was fitted last
-    for half_width in HALF_WIDTHS:
+    for half_width in half_widths:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
         continuation = _fit_continuation(guesses, s, start, end)
         if continuation is None:

@@ -32,8 +32,6 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, select
 from framework.numerics.rotations import whole_turns
 
-TYPE_2_END_RATIO = 0.05  # share of the usual clearance; a curve that ends with less ends at Type 2
-
 
 @dataclass(frozen=True, eq=False)
 class ForwardPose(Configuration):
@@ -128,7 +126,13 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 
 
 def curve_end_error(
-    robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
+    robot: ParallelRobot,
+    end: MotorCurves,
+    linearised: LinearisedLoops,
+    q_a: Array,
+    *,
+    # share of the usual clearance; a curve that ends with less ends at Type 2
+    type_2_end_ratio: float = 0.05,
 ) -> NotAssembled:
     """Return the error for a curve that ends at `end` (T = 1), before the motors reach q_a (n_a,).
 
@@ -142,7 +146,7 @@ def curve_end_error(
     x = end.x[0]
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     place = f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"
-    if end.clearance[0] > TYPE_2_END_RATIO * usual_clearance:
+    if end.clearance[0] > type_2_end_ratio * usual_clearance:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
         )

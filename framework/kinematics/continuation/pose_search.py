@@ -52,7 +52,6 @@ MAX_STEPS = 30  # of the search
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
 # The search ends if the decrease of the squared distance, predicted for the next step, is below these shares
 LEAST_DECREASE = 1e-8  # of the squared distance
-LEAST_PROGRESS = 0.1  # of its excess over that of the best other search
 UNCONVERGED = "the search has not converged"
 LEAST_DAMPING = 1e-2  # first damping after a step that does not lead nearer
 
@@ -169,7 +168,15 @@ class PoseSearch:
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
 
-    def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
+    def _has_ended(
+        self,
+        iterate: _Iterate,
+        step: _Step,
+        least_value: float,
+        ends: Array,
+        *,
+        least_progress: float = 0.1,  # of its excess over that of the best other search
+    ) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
 
         `step` is the next step from the iterate.
@@ -179,7 +186,7 @@ class PoseSearch:
             ends: (k, nq) poses where other searches have converged.
         """
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
-        is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
+        is_behind = step.decrease < least_progress * (iterate.value - least_value)
         distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
         is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
         repeats = is_on_their_branch and iterate.value > least_value

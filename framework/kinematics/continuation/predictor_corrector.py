@@ -40,10 +40,6 @@ MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singular
 FIRST_STEP_RATIO = 1 / 8  # share of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
 MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
-# A turning point is believed if the curve to it deviates from a parabola by no more than these shares: of the
-# chord, and of the gain in s.
-MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
-FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
 
@@ -129,7 +125,14 @@ class Curves:
     turn: Array  # (T, nv) prescribed motion of the other joints from s = 0 to 1
     evaluate: Callable[[Array, Array], CurveEquations]  # evaluates F at q (T, nq) and s (T,)
 
-    def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
+    def find_turning_points(
+        self,
+        q: Array,
+        share: Array,
+        *,
+        max_chord_deviation: float = 0.1,  # from a parabola, over the chord
+        max_gain_deviation: float = 0.25,  # from a parabola, over the gain in s
+    ) -> CurveEnds:
         """Find the turning points of T curves ahead of configurations q (T, nq) at s = `share` (T,).
 
         A turning point counts as found only if the curve from q to the point is nearly a parabola in t. On a
@@ -148,8 +151,8 @@ class Curves:
             gain_error = np.abs(end.share - share - expected_gain)
 
             found = end.found & (end.share < 1.0)
-            found &= deviation <= MAX_CHORD_DEVIATION * largest_motion(self.robot, start_motion)
-            found &= gain_error <= MAX_GAIN_DEVIATION * expected_gain
+            found &= deviation <= max_chord_deviation * largest_motion(self.robot, start_motion)
+            found &= gain_error <= max_gain_deviation * expected_gain
         return end._replace(found=found)
 
     def _joint_motions(self, step: Array) -> Array:
@@ -158,7 +161,13 @@ class Curves:
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
-    def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
+    def _follow_to_turn(
+        self,
+        q: Array,
+        share: Array,
+        *,
+        first_secant_length: float = 1e-3,  # [rad, lengths] along the curve, for the first secant of ds/dt
+    ) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
         A curve that has converged or become too long rests while the others go on. t (T,) is the length
@@ -170,7 +179,7 @@ class Curves:
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
         t = np.zeros(len(q))
-        dt = np.full(len(q), FIRST_SECANT_LENGTH)
+        dt = np.full(len(q), first_secant_length)
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_ITERATIONS):
             step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it

@@ -18,6 +18,7 @@ from framework.errors import (
     Type1Singularity,
     UncontrolledMotions,
     finite_numbers,
+    point,
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
@@ -47,7 +48,6 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
     type1_matrix,
 )
-from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -55,9 +55,7 @@ from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
 
-TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
 POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
-LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
@@ -315,7 +313,13 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
 
 
 def _branch_end_error(
-    robot: ParallelRobot, path: Path, followed: FollowedCurve, subject: str
+    robot: ParallelRobot,
+    path: Path,
+    followed: FollowedCurve,
+    subject: str,
+    *,
+    # relative singular value below which the loops have lost rank at the end of a branch
+    type_1_end_ratio: float = 1e-4,
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for a branch that could only be `followed` to an early end.
 
@@ -326,7 +330,7 @@ def _branch_end_error(
     s = float(last.s[0])
     x = path(s)
     linearised = last.linearised
-    count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
+    count = int(count_lost_ranks(robot, linearised, type_1_end_ratio)[0])
     if count:
         return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
@@ -350,6 +354,39 @@ def _branch_end_error(
     )
 
 
+def _longest_reach(robot: ParallelRobot) -> float:
+    """Compute the summed length [m] of the links from base to platform.
+
+    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
+    floating joint, makes the length practically infinite.
+    """
+    model = robot.model
+    frame = model.frames[model.getFrameId(robot.description.platform.frame)]
+    reach = float(np.linalg.norm(frame.placement.translation))
+    for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
+        joint = model.joints[k]
+        reach += float(np.linalg.norm(model.jointPlacements[k].translation))
+        if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
+            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            reach += float(np.abs(ends).max())
+    return reach
+
+
+def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
+    """Return a remark on a platform out of reach of the links; empty if within reach.
+
+    `position` has the prescribed translations of the platform's origin [m].
+    """
+    distance, reach = np.linalg.norm(position), _longest_reach(robot)
+    if distance <= reach:
+        return ""
+    return (
+        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
+        f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
+        f"{reach:.3g} m"
+    )
+
+
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     """Return the name of the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
 
@@ -361,16 +398,23 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     return robot.actuator_names[motor]
 
 
-def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
+def _closes_beyond(
+    robot: ParallelRobot,
+    path: Path,
+    last: BranchPoses,
+    *,
+    look_ahead: tuple[float, ...] = (1e-3, 1e-2),  # in s
+    look_ahead_nudge: float = 0.02,  # motion of joints [rad or m] from the last pose
+) -> bool:
     """Return whether the loops close again a little further along the path, on any branch.
 
     Newton's method starts from the last pose after all joints have moved slightly, in either direction.
     """
-    ahead = last.s + np.array(LOOK_AHEAD)
+    ahead = last.s + look_ahead
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):
         return False
-    nudge = np.full((len(ahead), len(robot.moving)), LOOK_AHEAD_NUDGE)
+    nudge = np.full((len(ahead), len(robot.moving)), look_ahead_nudge)
     nudge[1::2] *= -1.0
     guess = integrate_columns(robot, last.q, robot.moving, nudge)
     return bool(close_each(robot, path(ahead), guess).closed.any())

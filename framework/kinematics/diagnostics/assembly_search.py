@@ -33,7 +33,6 @@ from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
-ENOUGH_POSES = 8  # number of closed poses of a group after which the search ends
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
 # solver takes steps of least norm (lsmr), because there are more joints than independent equations.
@@ -184,7 +183,7 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _find_nearest_offsets(group: _Group) -> Array:
+def _find_nearest_offsets(group: _Group, *, enough_poses: int = 8) -> Array:
     """Find the smallest offsets (k,) that close a group's loops, from several starts.
 
     Raises:
@@ -207,7 +206,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
             best_u, least_gap = u, gap
         if gap < LOOP_GAP:
             poses.append(np.where(turning & ~limited, wrap_angles(u), u))
-            if k == 0 or len(poses) == ENOUGH_POSES:
+            if k == 0 or len(poses) == enough_poses:
                 break
     if not poses:
         raise _still_open_error(group, best_u)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.errors import NotAssembled, SingularReference, expect
-from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, remark_on_turns
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.diagnostics.mistaken_units import moving_bodies, remarks_on_bodies
 from framework.kinematics.diagnostics.mobility import (
     Mobility,
     PlatformAxes,
@@ -24,7 +25,6 @@ from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import assembled_at, clearance, linearised_at_reference
 from framework.kinematics.loop_structure import assemble_mechanism, numerical_rank, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.mistaken_units import moving_bodies, remark_on_turns, remarks_on_bodies
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits

@@ -43,8 +43,6 @@ from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
-MAX_TRIED = 12  # number of platforms that are tried
-MAX_CHOICES = 20_000  # number of sets of motors compared one by one; if there are more, pivoting chooses
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
 # Parts of the usual names of tools and platforms.
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
@@ -256,18 +254,18 @@ def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
     return motions.choose_independent(motions.working, without_repetitions)
 
 
-def _choose_best_motors(motions: LoopMotions, names: Names) -> list[str]:
+def _choose_best_motors(motions: LoopMotions, names: Names, *, max_choices: int = 20_000) -> list[str]:
     """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
-    Conditioned best are the rates with the largest least singular value. If the choices are too many to
-    compare, pivoting chooses.
+    Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
+    pivoting chooses.
 
     Raises:
         RobotFileError: two choices are equally good.
     """
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
-    if comb(len(names), count) > MAX_CHOICES:
+    if comb(len(names), count) > max_choices:
         return [names[i] for i in choose_rows(rates, count)]
 
     choices = np.array(list(combinations(range(len(names)), count)))  # (choices, count) indices of motors
@@ -343,7 +341,7 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platform]:
+def _likely_platforms(motions: LoopMotions, partial: PartialRobot, *, max_tried: int = 12) -> list[Platform]:
     """Return platforms to try, most likely first, on frames that every motor moves."""
     scored: list[tuple[float, Platform]] = []
     for number, frame, joint_twists in _moved_frames(motions, partial):
@@ -354,7 +352,7 @@ def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platf
         for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, partial):
             scored.append((axes_score + frame_score, platform))
     scored.sort(key=lambda entry: -entry[0])
-    return [platform for _, platform in scored[:MAX_TRIED]]
+    return [platform for _, platform in scored[:max_tried]]
 
 
 def _joint_platforms(motions: LoopMotions, partial: PartialRobot) -> Iterator[Platform]:

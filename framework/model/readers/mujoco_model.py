@@ -27,8 +27,6 @@ from framework.model.readers.urdf_tree import UnreadElement
 from framework.model.urdf_elements import check_inertia, symmetric_matrix
 from framework.numerics.input import read_text
 
-# [kg], [kg m^2] for bodies without mass; MuJoCo refuses less than 1e-15
-STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
 # the arrays that each flag of <option> disables
 _ARRAYS_OF_FLAG = {
     "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
@@ -250,7 +248,12 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
-def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
+def _compile(
+    spec: Any,
+    *,
+    stand_in_mass: float = 1e-12,  # [kg] for bodies without mass; MuJoCo refuses less than 1e-15
+    stand_in_inertia: float = 1e-14,  # [kg m^2]
+) -> tuple[Any, list[UnreadElement]]:
     """Compile a specification without the meshes that MuJoCo refuses.
 
     Bodies without mass get small stand-ins for the compilation, since MuJoCo refuses them.
@@ -259,8 +262,8 @@ def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
         The compiled model, and the refused meshes as decisive unread elements.
     """
     least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
-    spec.compiler.boundmass = max(least_mass, STAND_IN_MASS)
-    spec.compiler.boundinertia = max(least_inertia, STAND_IN_INERTIA)
+    spec.compiler.boundmass = max(least_mass, stand_in_mass)
+    spec.compiler.boundinertia = max(least_inertia, stand_in_inertia)
     left_out: list[UnreadElement] = []
     model = None
     while model is None:
@@ -268,10 +271,10 @@ def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
             model = spec.compile()
         except ValueError as error:
             left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
-    if least_mass < STAND_IN_MASS:
-        model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
-    if least_inertia < STAND_IN_INERTIA:
-        model.body_inertia[model.body_inertia <= STAND_IN_INERTIA] = 0.0
+    if least_mass < stand_in_mass:
+        model.body_mass[model.body_mass <= stand_in_mass] = 0.0
+    if least_inertia < stand_in_inertia:
+        model.body_inertia[model.body_inertia <= stand_in_inertia] = 0.0
     return model, left_out
 
 

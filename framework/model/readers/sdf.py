@@ -52,7 +52,6 @@ from framework.model.urdf_elements import SIZES_OF_SHAPES, symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 
-UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
 # kinds of joints by their type in the file
 _KIND_OF_TYPE = {
     "fixed": "fixed",
@@ -407,15 +406,21 @@ def _make_link(scope: Scope, name: str) -> Element:
     return link
 
 
-def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
+def _read_limits(
+    joint: Element,
+    name: str,
+    tag: str,
+    *,
+    unlimited: float = 1e15,  # [rad, m] limits of this size or more mean no limit
+) -> tuple[float, float] | None:
     """Read lower and upper limit [rad, m] along the axis in the element `tag`; None if one is unlimited."""
     where = f"joint {name!r}"
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.findtext(f"{tag}/limit/{end}", default).lower()
-        limits += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
+        limits += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{unlimited:g}"), 1)
     lower, upper = limits
-    if max(abs(lower), abs(upper)) >= UNLIMITED:
+    if max(abs(lower), abs(upper)) >= unlimited:
         return None
     if lower > upper:
         raise RobotFileError(f"{where}: <limit>: needs lower <= upper, got {lower:g} and {upper:g}")

@@ -37,7 +37,7 @@ from framework import (
     simulate,
     track_path,
 )
-from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.elasticity import Pass, evaluate_pass
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import frames_at
