@@ -39,8 +39,7 @@ FEWEST_AND_MOST = [case for case in CASES if the_5r(case) or case[1] != "flexibl
 # Motors turn, in a plane and in space, or slide; a sphere, a ring with a redundant row, redundant motors.
 KINDS = ("five_bar", "biglide", "delta", "gough_stewart", "agile_eye", "bricard", "two_arms", "three_rpr")
 STAGED = in_stages(
-    CASES,
-    at_once=lambda case: case[1] == "rigid" or (case in FEWEST_AND_MOST and case[0] in KINDS),
+    CASES, at_once=lambda case: case[1] == "rigid" or (case in FEWEST_AND_MOST and case[0] in KINDS)
 )
 
 

@@ -11,14 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
-from tests.robots.every_robot import (
-    FEWEST_AND_MOST,
-    RIGID,
-    assert_same_torques,
-    crossing,
-    in_stages,
-    planned,
-)
+from tests.robots.every_robot import FEWEST_AND_MOST, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
 
 # Closures, by robot, in whose loop nothing else can be opened, and why. None today.

@@ -132,10 +132,7 @@ def test_a_negative_damping_is_refused_by_the_name_of_its_joint(tmp_path):
 def test_one_mechanism_in_two_formats_has_one_plan(tmp_path):
     said = {"axes": ["x", "y"], "motors": ["left_motor", "right_motor"], "reference": POSE}
     plans = []
-    for name, text, platform in (
-        ("a.sdf", five_bar(), "tip_1"),
-        ("a.urdf", five_bar_urdf(), "tip_parent"),
-    ):
+    for name, text, platform in (("a.sdf", five_bar(), "tip_1"), ("a.urdf", five_bar_urdf(), "tip_parent")):
         (tmp_path / name).write_text(text)
         robot = ParallelRobot.from_description(read_any(tmp_path / name, platform=platform, **said))
         path = Line([0.1, 0.345], [-0.05, 0.195])

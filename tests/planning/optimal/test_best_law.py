@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    InvalidInput,
-    Line,
-    locate_singularities,
-    plan_crossing,
-    plan_scene,
-    simulate,
-)
+from framework import InvalidInput, Line, locate_singularities, plan_crossing, plan_scene, simulate
 from framework.laws.law import least_value
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.crossing_points import PathToCross
