@@ -49,9 +49,6 @@ def mass(robot: ParallelRobot) -> float:
     return sum(inertia.mass for inertia in robot.model.inertias)
 
 
-# ------------------------------------------------------------------ what the levels are
-
-
 @pytest.mark.parametrize("case", in_stages(((name,) for name in robots.CATALOGUE), at_once=few))
 def test_bodies_lose_their_mass_and_nothing_else(case):
     (name,) = case
@@ -85,9 +82,6 @@ def test_levels_cross_at_the_times_and_speeds_of_the_motion():
     for comparison in study.levels[1:]:
         law, times = comparison.motion.law, [at.time for at in comparison.motion.crossings]
         np.testing.assert_allclose([(t, float(law(t, 1))) for t in times], told, rtol=1e-12)
-
-
-# ------------------------------------------------------------------ how they are judged
 
 
 @pytest.mark.parametrize(
@@ -208,9 +202,6 @@ def test_a_level_that_is_enough_while_one_above_it_is_not_is_called_so():
     )
     above_both = 2.0 * max(errors["rigid"], errors["flexible_links"])
     assert replace(study, tolerance=above_both).by_luck == ()
-
-
-# ------------------------------------------------------------------ what is predicted, and kept
 
 
 def test_indicators_do_not_grow_upwards():

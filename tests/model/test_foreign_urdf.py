@@ -42,9 +42,6 @@ def nothing_installed(monkeypatch, tmp_path):
     return tmp_path
 
 
-# ------------------------------------------------------------------ package://
-
-
 def test_a_file_of_an_installed_package_is_found():
     found = locate_urdf(Path("anywhere"), SOLO12)
     assert found.is_file()
@@ -99,9 +96,6 @@ def test_a_wrong_reference_is_refused(write_robot, reference, words):
         assert word in str(caught.value)
 
 
-# ------------------------------------------------------------------ locked
-
-
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 @pytest.mark.parametrize("value", [0.0, 0.7, -2.5, 3.0])
 def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
@@ -152,9 +146,6 @@ def test_a_wrong_lock_is_refused(write_robot, locked, words):
         read_robot_file(write_robot(("locked", locked), ("springs", REMOVED)))
     for word in words:
         assert word in str(caught.value)
-
-
-# ------------------------------------------------------------------ bodies
 
 
 def test_a_frame_may_carry_a_body(write_robot):

@@ -243,9 +243,6 @@ def test_a_worker_that_is_killed_costs_no_run(tmp_path):
     assert json.loads(out)["runs"] == 4
 
 
-# ------------------------------------------------------------------ the context
-
-
 def test_the_first_signal_interrupts_and_the_others_do_not():
     with interruptible():
         with pytest.raises(Terminated) as caught:

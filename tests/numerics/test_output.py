@@ -104,9 +104,6 @@ def test_what_is_no_name_is_refused(tmp_path, name):
     assert everything_in(tmp_path) == set()
 
 
-# ------------------------------------------------------------------ files of others
-
-
 @pytest.mark.parametrize(
     ("there", "named"),
     [
@@ -138,9 +135,6 @@ def test_files_beside_a_document_of_ours_are_replaced(tmp_path):
     (tmp_path / "plan.json").write_text('{"robot": "five_bar"}')
     write(tmp_path, document="plan.json")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == FILES
-
-
-# ------------------------------------------------------------------ processes that are told to end
 
 
 KILLED = """
@@ -209,9 +203,6 @@ def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
     with interruptible(), pytest.raises(Terminated if number == signal.SIGTERM else KeyboardInterrupt):
         write(tmp_path)
     assert everything_in(tmp_path) == set(FILES)
-
-
-# ------------------------------------------------------------------ one file
 
 
 @pytest.mark.parametrize("place", ["page.html", "new/deeper/page.html"])

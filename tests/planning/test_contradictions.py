@@ -65,15 +65,9 @@ def value(one: Crossing, asked: Asked) -> float:
     return law.value
 
 
-# ------------------------------------------------------------------ dominance
-
-
 @pytest.mark.parametrize("k", with_cheapest([CHEAPEST, 2, 3, 4, 5, 6, 8, 22]))
 def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_request_finds(k):
     check_dominance(rigid_crossing(k), LONGEST[2:] if k == CHEAPEST else LONGEST)
-
-
-# ------------------------------------------------------------------ the same robot in other words
 
 
 def reversed_path(one: Crossing) -> Crossing:
@@ -130,9 +124,6 @@ def test_units_direction_names_and_mirror_change_no_law(k):
     """All at once: what one of them did wrong, the others would not mend."""
     one = rigid_crossing(k)
     check_units(reversed_path(with_description(one, lambda robot: permuted(mirrored(robot, "x")))), one)
-
-
-# ------------------------------------------------------------------ refusals
 
 
 def check_refusal(one: Crossing) -> None:

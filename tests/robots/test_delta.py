@@ -27,9 +27,6 @@ UP = np.array([0.0, 0.0, 1.0])
 ELBOW = np.array([-1.0, 1.0, 1.0])  # leg 1 has its elbow inward
 
 
-# ------------------------------------------------------------------ closed forms, analytic
-
-
 def arccos(c):
     """Also of a complex number near the real axis."""
     return np.arccos(c.real) - 1j * c.imag / np.sqrt(1 - c.real**2)
@@ -101,9 +98,6 @@ def platform_force(x, dx, ddx):
 def normals(x):
     """Normals of the three parallelograms (3, 3); coplanar in a constraint singularity."""
     return np.cross(SIDE, forearms(x, motor_angles(x).real))
-
-
-# ------------------------------------------------------------------ the robot
 
 
 PLACES = [0, 0, -1.2] + 0.15 * np.random.default_rng(3).uniform(-1, 1, (12, 3))

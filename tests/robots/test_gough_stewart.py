@@ -32,9 +32,6 @@ BASE = ring(3.0, [-2.5, 2.5, 117.5, 122.5, 237.5, 242.5])  # (6, 3) [m]
 PLATFORM = ring(1.0, [-50.0, 50.0, 70.0, 170.0, 190.0, 290.0])
 
 
-# ------------------------------------------------------------------ closed forms
-
-
 def legs(x):
     """Leg vectors (6, 3) from base to platform joint."""
     return x[:3] + PLATFORM @ rodrigues(x[3:]).T - BASE
@@ -125,9 +122,6 @@ def length_rates(x):
     return np.array([lengths(x + 1j * H * unit).imag / H for unit in np.eye(6)]).T
 
 
-# ------------------------------------------------------------------ the robot
-
-
 def poses(count, turn):
     """Random poses whose rotation vector measures up to `turn` [rad] a component."""
     spread = np.array([0.4, 0.4, 0.4, *turn])
@@ -151,9 +145,6 @@ CROSSING = Crossing(
     away=0.1,
     power_within=1e-9,
 )
-
-
-# ------------------------------------------------------------------ a platform that turns
 
 
 @pytest.mark.parametrize(
@@ -185,9 +176,6 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
     for k in (0, 40, 95):
         R = frames_at(robot, closed.q[k : k + 1]).rotation[0, 0]
         np.testing.assert_allclose(R, rodrigues(x[k, 3:]).real, atol=1e-12)
-
-
-# ------------------------------------------------------------------ the crossing
 
 
 def test_level_platform_is_singular_a_quarter_turn_from_home():

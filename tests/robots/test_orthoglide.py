@@ -33,9 +33,6 @@ GEAR, ROTOR = 314.1592653589793, 5e-5
 LEGS = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])  # x, y, z of a leg's frame among those of the base
 
 
-# ------------------------------------------------------------------ closed forms, analytic
-
-
 def along(x):
     """How far the leg reaches along its rail (3,): sqrt(L^2 - y^2 - z^2)."""
     _, y, z = x[LEGS].T
@@ -90,9 +87,6 @@ def exact_s(path, measure):
     return brentq(lambda s: measure(path(s)), 0.0, 1.0, xtol=1e-15, rtol=1e-15)
 
 
-# ------------------------------------------------------------------ the robot
-
-
 PLACES = np.random.default_rng(5).uniform(-0.12679, 0.07321, (12, 3))
 KINEMATICS = Kinematics(PLACES, slides, velocity_ratio, 1e-13, 1e-11)
 CROSSING = Crossing(
@@ -131,9 +125,6 @@ def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
     assert factors.min() > 0.5 - 1e-12
 
 
-# ------------------------------------------------------------------ singularities
-
-
 def test_on_the_diagonal_the_legs_are_parallel_to_one_plane_at_L_over_sqrt_6(robot):
     (point,) = locate_singularities(robot, Line([0, 0, 0], [0.15, 0.15, 0.15]))
     np.testing.assert_allclose(point.platform, LENGTH / np.sqrt(6), rtol=0, atol=1e-13)
@@ -157,6 +148,3 @@ def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere
     path = scene_path(robot.description.scenes["cross"])
     with pytest.raises(NotConverged, match=f"s = {exact_s(path, hinge_volume):.6g}, .* dropped as redundant"):
         locate_singularities(hinged, path)
-
-
-# ------------------------------------------------------------------ the crossing

@@ -26,9 +26,6 @@ UP = np.array([0.0, 0.0, 1.0])
 HALF = np.array([1.0, 1.0, -1.0, -1.0])  # at which end of the bar a leg pulls
 
 
-# ------------------------------------------------------------------ closed forms, analytic
-
-
 def arccos(c):
     """Also of a complex number near the real axis."""
     return np.arccos(c.real) - 1j * c.imag / np.sqrt(1 - c.real**2)
@@ -112,9 +109,6 @@ def potential_energy(x):
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (4,) [N, N m]."""
     return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-
-
-# ------------------------------------------------------------------ the robot
 
 
 SPREAD = np.array([0.1, 0.1, 0.1, 0.4])

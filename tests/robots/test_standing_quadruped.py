@@ -24,9 +24,6 @@ STAND = np.array([[0.1946, 0.14695, 0], [0.1946, -0.14695, 0], [-0.1946, 0.14695
 HIP = np.array([[0.1946, 0.0875, 0], [0.1946, -0.0875, 0], [-0.1946, 0.0875, 0], [-0.1946, -0.0875, 0]])
 
 
-# ------------------------------------------------------------------ closed forms
-
-
 def leg_angles(x):
     """Hip, thigh and knee (12,) of all legs for the trunk at x, knees bent inward."""
     R = pin.exp3(x[3:])
@@ -92,9 +89,6 @@ def poses(count):
     return [0, 0, 0.2, 0, 0, 0] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 6))
 
 
-# ------------------------------------------------------------------ geometry
-
-
 def test_mobility(robot):
     found = check_robot(robot)
     assert (found.mobility, found.redundant_motors, found.rank, found.redundant_rows) == (6, 6, 12, ())
@@ -126,9 +120,6 @@ def test_forward_and_inverse_kinematics_agree(robot, witness):
 def test_four_feet_leave_no_singularity_on_the_scenes(robot):
     for scene in robot.description.scenes.values():
         assert locate_singularities(robot, scene_path(scene)) == ()
-
-
-# ------------------------------------------------------------------ forces
 
 
 def test_standing_still_the_feet_carry_the_weight(plan, witness):

@@ -170,8 +170,6 @@ def test_elsewhere_det_P_is_that_of_the_couples(robot):
         assert np.linalg.svd(passive_matrix(robot, linearised_of(robot, p))[0], compute_uv=False)[-1] > 1e-3
 
 
-# ------------------------------------------------------------------ paths that meet the axis of symmetry
-
 START, END = np.array([0.12, 0.06, 0.55]), np.array([-0.08, -0.04, 0.62])  # through the axis at s = 0.6
 SIDEWAYS = np.array([1.0, -2.0, 0.0]) / np.sqrt(5.0)  # normal to it
 

@@ -86,9 +86,6 @@ def poses(count):
     return [0.57, 0, 0.15, 0, 0, 0] + spread * np.random.default_rng(4).uniform(-1, 1, (count, 6))
 
 
-# ------------------------------------------------------------------ geometry
-
-
 def test_mobility(robot):
     found = check_robot(robot)
     assert (found.mobility, found.redundant_motors, found.rank, found.redundant_rows) == (6, 6, 6, ())
@@ -133,9 +130,6 @@ def test_joints_stay_within_their_limits(robot):
 def test_where_every_joint_has_a_motor_there_is_no_type_2(robot):
     for scene in robot.description.scenes.values():
         assert locate_singularities(robot, scene_path(scene)) == ()
-
-
-# ------------------------------------------------------------------ forces
 
 
 def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):

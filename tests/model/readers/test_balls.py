@@ -201,9 +201,6 @@ def test_a_coordinate_of_a_ball_has_a_name_of_its_own(tmp_path):
         read_any(file)
 
 
-# ------------------------------------------------------------------ MJCF
-
-
 def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
     """Rods at an odd angle at the zero pose, brought back by a keyframe."""
     quaternion = pin.Quaternion(TURN)
