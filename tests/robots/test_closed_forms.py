@@ -19,6 +19,7 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
+from framework.kinematics.frames import frames_at
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES
 from framework.planning.scenes import scene_path
@@ -95,6 +96,15 @@ def test_motors_have_their_closed_form(name):
     for x in known.places:
         motors = robot.actuated_coordinates(assemble(robot, x).q[None])[0]
         np.testing.assert_allclose(motors, known.motors(x), rtol=0, atol=known.motors_within)
+
+
+@pytest.mark.parametrize("name", ["delta", "orthoglide"])
+def test_a_platform_that_only_parallelograms_hold_stays_level(name):
+    robot = robots.load(name)
+    for x in KINEMATICS[name].places:
+        at = frames_at(robot, assemble(robot, x).q[None])
+        np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
+        np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", KINEMATICS)

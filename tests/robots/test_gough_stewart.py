@@ -4,6 +4,8 @@ The closed forms below know the published dimensions and nothing of the URDF. Al
 so a step of 1e-30 i gives their derivatives to rounding.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,8 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.chebyshev import TimeGrid
-from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.lagrange import platform_force
 from tests.oracles.spherical import cross, rodrigues, spin
 
 ROBOT = "gough_stewart"
@@ -112,11 +114,6 @@ def gradient(function, x):
     return np.array([function(x + 1j * H * unit).imag / H for unit in np.eye(6)])
 
 
-def platform_force(x, dx, ddx):
-    """Lagrange: what the legs must do on the coordinates x, (6,)."""
-    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-
-
 def length_rates(x):
     """d(lengths)/dx (6, 6): leg by coordinate."""
     return np.array([lengths(x + 1j * H * unit).imag / H for unit in np.eye(6)]).T
@@ -136,7 +133,7 @@ CROSSING = Crossing(
     lines=plucker,
     bracket=(0.3, 0.6),
     rates=length_rates,
-    force=platform_force,
+    force=partial(platform_force, kinetic_energy, potential_energy),
     gear=GEAR,
     share=0.9,
     twist_within=1e-11,
