@@ -17,6 +17,7 @@ from framework.model.description import Coupling, JointDynamics
 from framework.model.urdf_edits import lock_joints
 from framework.model.urdf_elements import locate_urdf
 from tests.conftest import REMOVED
+from tests.oracles.placements import placements
 from tests.urdf_edits import edited
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
@@ -108,10 +109,8 @@ def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
         q = pin.neutral(model)
         if model is whole:
             q[:2] = (np.cos(value), np.sin(value)) if kind == "continuous" else (value, q[1])
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, q)
-        tips.append(data.oMf[model.getFrameId("tip", pin.FrameType.BODY)].homogeneous)
-    np.testing.assert_allclose(tips[0], tips[1], atol=1e-15)
+        tips += placements(model, ("tip",), q)
+    np.testing.assert_allclose(tips[0].homogeneous, tips[1].homogeneous, atol=1e-15)
 
 
 def test_a_mimic_joint_is_coupled_unless_locked(write_robot):

@@ -9,7 +9,6 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
@@ -26,6 +25,7 @@ from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.leg_paving import collect_leg_equations
 from framework.proofs.working_modes import working_modes
+from tests.oracles.placements import placements
 from tests.robots.every_robot import assert_same_torques
 from tests.robots.test_closures_of_all_kinds import without_right_rod
 
@@ -67,9 +67,8 @@ def described(kind):
 
 def errors(robot, q):
     """The rows in closed form [m]: out of the plane, and off the length; or off the pin, across and along."""
-    (closure,), data = robot.description.closures, robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    first, second = (data.oMf[robot.model.getFrameId(name)] for name in closure.frames)
+    (closure,) = robot.description.closures
+    first, second = placements(robot.model, closure.frames, q)
     d = first.rotation.T @ (second.translation - first.translation)
     if closure.axes == ("z", "distance"):
         return np.array([d[2], (d @ d - closure.length**2) / (2 * closure.length)])

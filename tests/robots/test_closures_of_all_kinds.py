@@ -17,6 +17,7 @@ from framework.model.description import CLOSURE_KINDS, Closure, locked_axes
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
 from tests.oracles.joint_chain import chain, urdf
+from tests.oracles.placements import placements
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import assert_same_torques
@@ -64,10 +65,8 @@ def test_a_chain_of_joints_moves_as_the_rows_allow(kind):
         np.testing.assert_allclose(rows.drift, 0, atol=1e-12)  # products of ten rates of order one
         again = data.oMf[model.getFrameId("one")].actInv(data.oMf[model.getFrameId("two")])
         other, there = pair(closure, again)
-        found = other.createData()
-        pin.framesForwardKinematics(other, found, there)
-        put = found.oMf[other.getFrameId("one")].actInv(found.oMf[other.getFrameId("two")])
-        np.testing.assert_allclose(put.homogeneous, again.homogeneous, atol=1e-14)
+        one, two = placements(other, ("one", "two"), there)
+        np.testing.assert_allclose(one.actInv(two).homogeneous, again.homogeneous, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", CLOSURES)

@@ -7,12 +7,12 @@ them.
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 
 from framework import assemble
 from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.lagrange import platform_force
 from tests.oracles.parallelogram_arms import ParallelogramArms
+from tests.oracles.placements import placements
 
 ROBOT = "par4"
 ARM, BAR = 0.35, 0.16  # [m]
@@ -96,11 +96,7 @@ CROSSING = Crossing(
 
 def test_the_half_plates_do_not_turn(robot):
     for x in PLACES:
-        q = assemble(robot, x).q
-        data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, data, q)
-        for half in ("a", "b"):
-            place = data.oMf[robot.model.getFrameId(half, pin.FrameType.BODY)]
+        for place in placements(robot.model, ("a", "b"), assemble(robot, x).q):
             np.testing.assert_allclose(place.rotation, np.eye(3), atol=1e-12)
 
 
