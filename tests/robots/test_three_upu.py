@@ -16,7 +16,6 @@ from framework import (
     check_robot,
     locate_singularities,
     plan_crossing,
-    plan_scene,
     track_path,
     velocity_matrices,
 )
@@ -127,16 +126,6 @@ def test_joints_have_their_closed_forms_and_the_platform_stays_level(robot):
         A, B, _ = velocity_matrices(robot, q)
         rates = np.array([leg(p, i)[0] / leg(p, i)[1] for i in range(3)])
         np.testing.assert_allclose(np.linalg.solve(B, A), rates, atol=1e-11)
-
-
-@pytest.mark.parametrize("scene", ["across", "around"])
-def test_torques_are_those_of_lagrange_and_virtual_work(scene):
-    plan = plan_scene(robots.load("three_upu"), scene)
-    assert plan.crossings == ()
-    assert plan.certificate.tail < 1e-12
-    for t in np.linspace(0.0, plan.duration, 13):
-        expected = motor_torques(plan.platform(t), plan.platform(t, 1), plan.platform(t, 2))
-        np.testing.assert_allclose(plan.torque(t), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("flexibility", FLEXIBILITIES)
