@@ -1,6 +1,7 @@
 """What tests of several folders share."""
 
 import json
+import signal
 from collections.abc import Callable
 from copy import deepcopy
 from functools import cache, wraps
@@ -64,6 +65,15 @@ def quick_figures(monkeypatch):
         (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
 
     monkeypatch.setattr("framework.show.plots.save_figures", note)
+
+
+@pytest.fixture
+def hearing():
+    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
 
 
 @cache

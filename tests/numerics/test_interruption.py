@@ -65,15 +65,8 @@ COMMANDS = {
     "robustness": STUDY,
     "robustness with workers": [*STUDY, "--workers", "2"],
 }
+pytestmark = pytest.mark.usefixtures("hearing")
 AT_ONCE = [("plan", signal.SIGTERM), ("robustness with workers", signal.SIGINT)]
-
-
-@pytest.fixture(autouse=True)
-def hearing():
-    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 def started(*arguments: str) -> subprocess.Popen[str]:

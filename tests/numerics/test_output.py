@@ -166,14 +166,6 @@ def test_what_another_process_is_writing_is_left_alone(tmp_path):
     assert everything_in(tmp_path) == {*FILES, "mine"}
 
 
-@pytest.fixture
-def hearing():
-    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("hearing")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_the_folder_is_made_leaves_nothing(tmp_path, monkeypatch, number):

@@ -5,7 +5,6 @@ along an axis needs a new kind of row as well. Both are put into the 5R, where a
 are: the first stands for the robot's right rod, the second for a pin on a frame beside the tip.
 """
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +27,7 @@ from framework.proofs.working_modes import working_modes
 from tests.oracles.placements import placements
 from tests.robots.every_robot import assert_same_torques
 from tests.robots.test_closures_of_all_kinds import without_right_rod
+from tests.urdf_edits import add_fixed_link, edited
 
 LENGTH = {"planar_rod": 0.25, "pin_ahead": 0.07}  # [m] that of the 5R's rods; and any
 
@@ -47,14 +47,10 @@ def recipe(monkeypatch):
 
 def with_pin_ahead(of_5r):
     """The 5R whose tip is met by a pin at a distance from a frame behind it."""
-    root, length = ElementTree.fromstring(of_5r.urdf_text), LENGTH["pin_ahead"]
-    ElementTree.SubElement(root, "link", name="behind_tip")
-    joint = ElementTree.SubElement(root, "joint", name="behind_tip_mount", type="fixed")
-    ElementTree.SubElement(joint, "parent", link="left_tip")
-    ElementTree.SubElement(joint, "child", link="behind_tip")
-    ElementTree.SubElement(joint, "origin", xyz=f"{-length} 0 0")
+    length = LENGTH["pin_ahead"]
+    urdf_text = edited(of_5r.urdf_text, (add_fixed_link, "behind_tip", "left_tip", f"{-length} 0 0"))
     closure = Closure("tip", ("behind_tip", "right_tip"), locked_axes("pin_ahead"), length)
-    return replace(of_5r, urdf_text=ElementTree.tostring(root, encoding="unicode"), closures=(closure,))
+    return replace(of_5r, urdf_text=urdf_text, closures=(closure,))
 
 
 def described(kind):

@@ -21,6 +21,7 @@ from tests.oracles.placements import placements
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import assert_same_torques
+from tests.urdf_edits import add_fixed_link
 
 PAIR = '<robot name="pair"><link name="ground"/><link name="one"/><link name="two"/></robot>'
 KINDS = {f"{kind} {axis}": locked_axes(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"}
@@ -99,11 +100,7 @@ def without_right_rod(description):
         root.remove(root.find(f"link[@name='{name}']"))
     for name in ("right_elbow", "right_rod_tip"):
         root.remove(root.find(f"joint[@name='{name}']"))
-    ElementTree.SubElement(root, "link", name="right_end")
-    joint = ElementTree.SubElement(root, "joint", name="right_end_mount", type="fixed")
-    ElementTree.SubElement(joint, "parent", link="right_crank")
-    ElementTree.SubElement(joint, "child", link="right_end")
-    ElementTree.SubElement(joint, "origin", xyz="0.25 0 0")
+    add_fixed_link(root, "right_end", "right_crank", "0.25 0 0")
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),
