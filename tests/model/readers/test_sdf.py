@@ -12,6 +12,7 @@ from framework.model.description import JointDynamics
 from framework.model.readers import parse_any, read_any
 from tests.model.readers.foreign_files import short_move
 from tests.oracles.placements import placements
+from tests.robots.every_robot import assert_same_torques
 
 INERTIAL = (
     "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
@@ -139,9 +140,7 @@ def test_one_mechanism_in_two_formats_has_one_plan(tmp_path):
         path = Line([0.1, 0.345], [-0.05, 0.195])
         assert len(locate_singularities(robot, path)) == 1
         plans.append(plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]))
-    t = np.linspace(0.0, 1.5, 41)
-    peak = np.abs(plans[0].torque(t)).max()
-    np.testing.assert_allclose(plans[1].torque(t), plans[0].torque(t), rtol=0, atol=1e-10 * peak)
+    assert_same_torques(*plans, within=1e-10)
 
 
 def read(folder: Path, text: str, **said):
