@@ -29,7 +29,6 @@ from tests.oracles.equations_of_motion import defects_of
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.every_robot import (
     ELASTIC,
-    FEWEST_AND_MOST,
     KINDS,
     RIGID,
     SCENES,
@@ -213,9 +212,7 @@ def test_planned_torques_bring_a_rigid_robot_along_the_path(case):
     assert np.abs(off).max() < BACK  # measured: 7e-11 at most
 
 
-@pytest.mark.parametrize(
-    "case", in_stages([case for case in ELASTIC if case in FEWEST_AND_MOST], at_once=lambda case: False)
-)
+@pytest.mark.parametrize("case", in_stages(ELASTIC, at_once=lambda case: False))
 def test_planned_torques_bring_an_elastic_robot_along_the_path(case):
     name, flexibility = case
     robot = robots.load(name, flexibility=flexibility)
