@@ -1,6 +1,7 @@
 """What tests of several folders share."""
 
 import json
+import signal
 from collections.abc import Callable
 from copy import deepcopy
 from functools import cache, wraps
@@ -33,6 +34,18 @@ def _load_shared(*arguments: Any, **options: Any) -> ParallelRobot:
 
 
 robots.load = _load_shared
+# Each takes as long as dozens of others: begun last, it would keep one core at work alone.
+LONG = (
+    "test_a_file_in_robots_is_all_that_the_generated_tests_need",
+    "test_every_example_does_what_it_says",
+    "test_the_commands_of_the_guides_run_in_their_order",
+)
+
+
+def pytest_collection_modifyitems(items) -> None:
+    items.sort(key=lambda item: not item.name.startswith(LONG))
+
+
 FIVE_BAR = robots.CATALOGUE["five_bar"].file
 REMOVED = object()  # the value of a key that is to go
 
@@ -64,6 +77,15 @@ def quick_figures(monkeypatch):
         (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
 
     monkeypatch.setattr("framework.show.plots.save_figures", note)
+
+
+@pytest.fixture
+def hearing():
+    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
 
 
 @cache

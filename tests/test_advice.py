@@ -181,9 +181,6 @@ def test_an_end_on_the_locus_has_no_remedy():
     assert caught.value.remedy is None
 
 
-# ------------------------------------------------------------------ over robots of every kind
-
-
 # sliding and turning motors, one that turns round, that only turns, in space, redundant
 REMEDIED = {
     "biglide": ("bow",),

@@ -72,9 +72,6 @@ def test_what_is_refused_is_told_in_one_line(refusal, arguments, code, words):
     assert words in refusal(code, "fidelity", "five_bar", *arguments)
 
 
-# ------------------------------------------------------------------ plan --flexibility auto
-
-
 def test_auto_plans_with_what_the_scene_keeps(document, crossing):
     told = ["plan", "five_bar", "--scene", "C"]
     auto = document(*told, "--flexibility", "auto")

@@ -115,9 +115,6 @@ def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(crossing, tmp_path,
     assert not kept(tmp_path)
 
 
-# ------------------------------------------------------------------ in processes
-
-
 @pytest.fixture(scope="module")
 def serial(tmp_path_factory):
     out = tmp_path_factory.mktemp("maps") / "serial"

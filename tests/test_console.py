@@ -127,9 +127,6 @@ def test_counts_beyond_all_memory_are_refused(capfd, command):
     assert is_one_line(err)
 
 
-# ------------------------------------------------------------------ streams that cannot be written
-
-
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 @pytest.mark.parametrize("words", [[], pytest.param(["--json"], marks=pytest.mark.slow)])
 def test_an_answer_that_cannot_be_written_is_no_answer(words):
@@ -165,9 +162,6 @@ def test_a_backend_that_there_is_not_is_misuse(tmp_path):
     assert done.stderr.startswith("crossing: MPLBACKEND: ")
     assert is_one_line(done.stderr)
     assert list(tmp_path.iterdir()) == []
-
-
-# ------------------------------------------------------------------ what nobody meant to happen
 
 
 class Fault(Exception):

@@ -53,9 +53,6 @@ def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int,
     return running.wait(timeout=60), ERASED.sub("", shown)
 
 
-# ------------------------------------------------------------------ lines and tables
-
-
 @pytest.mark.parametrize("columns", [60, 80, 100, 120])
 def test_lines_are_broken_between_words_and_keep_all_of_them(columns):
     shown = lay_out(TEXT, columns)
@@ -89,9 +86,6 @@ def test_a_table_that_is_too_wide_gives_way_in_words_and_then_in_columns():
         assert max(map(len, shown.splitlines())) <= columns
         assert set(table.split()) <= set(shown.split())
     assert lay_out(table, 20).count("second") == 2  # the first column stands before the rest once more
-
-
-# ------------------------------------------------------------------ colours
 
 
 class Stream:
@@ -150,9 +144,6 @@ def test_json_is_one_line_without_colours_in_a_terminal_too(words):
     code, shown = in_terminal(*words, "--json", columns=80, FORCE_COLOR="1")
     assert (code, shown.count("\n")) == (0, 1)
     assert "\x1b" not in shown
-
-
-# ------------------------------------------------------------------ the progress line
 
 
 def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch, capsys):

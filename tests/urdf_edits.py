@@ -8,12 +8,21 @@ from typing import Any
 import robots
 
 
-def edited(urdf: str, *edits: tuple[Callable[..., None], Any] | tuple[Callable[..., None]]) -> str:
+def edited(urdf: str, *edits: tuple[Callable[..., None], *tuple[Any, ...]]) -> str:
     """The text of a URDF after edits: each a function of its root, and what else that takes."""
     root = ElementTree.fromstring(urdf)
     for edit, *given in edits:
         edit(root, *given)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def add_fixed_link(root: ElementTree.Element, name: str, parent: str, xyz: str) -> None:
+    """A link without a body on another one."""
+    ElementTree.SubElement(root, "link", name=name)
+    joint = ElementTree.SubElement(root, "joint", name=f"{name}_mount", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=name)
+    ElementTree.SubElement(joint, "origin", xyz=xyz)
 
 
 def parametric_five_bar(folder: Path) -> Path:

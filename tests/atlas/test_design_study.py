@@ -6,13 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from framework.atlas.design_study import (
-    StudyTask,
-    design_study,
-    map_designs,
-    read_designs,
-    study_setup,
-)
+from framework.atlas.design_study import StudyTask, design_study, map_designs, read_designs, study_setup
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
 from framework.show.study_figures import plot_study

@@ -19,9 +19,6 @@ def row(stage: str, method: str, *setting: float) -> Row:
     return measured(one, one.method(method), tuple(map(float, setting)), repeats=1)
 
 
-# ------------------------------------------------------------------ torque
-
-
 def test_differences_fall_with_the_square_of_the_step_until_rounding():
     """At a tenth of a second from the singular instant; s" by differences loses 1e-16 / h^2 to rounding."""
     times = np.array([torque.T_C - 0.1, torque.T_C + 0.1])
@@ -81,9 +78,6 @@ def test_a_series_has_the_torque_at_the_singular_instant():
 
 def test_the_robots_own_formula_is_the_closed_form():
     assert max(row("torque", "formula", 64).profile) < 1e-13
-
-
-# ------------------------------------------------------------------ failure maps
 
 
 def test_no_step_mends_what_the_imposed_point_has_spoilt():

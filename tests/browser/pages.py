@@ -1,5 +1,6 @@
 """What tests of pages ask for: films, and where things stand on the screen."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ ON_SCREEN = 2e-6  # lengths of the robot: what singles leave of a closed loop
 BETWEEN = 2e-4  # lengths: what is left half-way between two frames, turned and shifted straight
 
 
-def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid", **changed: Any) -> Film:
+def film_anew(name: str, scene_name: str | None = None, flexibility: str = "rigid", **changed: Any) -> Film:
     """A scene of the robot, or the first that can be filmed, with some of its options changed."""
     robot = robots.load(name, flexibility=flexibility)
     for one in [scene_name] if scene_name else robot.description.scenes:
@@ -30,6 +31,15 @@ def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid",
         except NoAnswer:
             continue
     raise AssertionError(f"{name}: no scene can be filmed")
+
+
+_film_once = cache(film_anew)
+
+
+def filmed(name: str, scene_name: str | None = None, flexibility: str = "rigid", **changed: Any) -> Film:
+    """The same, made once for all tests of a process where no option is changed."""
+    film = film_anew if changed else _film_once
+    return film(name, scene_name, flexibility, **changed)
 
 
 def nodes_at(tab, t: float, film: int = 0) -> np.ndarray:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
@@ -26,6 +25,7 @@ from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
 from framework.numerics.chebyshev import TimeGrid
 from tests.oracles import five_bar as oracle
+from tests.oracles.placements import placements
 
 ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -74,13 +74,8 @@ def test_half_way_between_nodes_the_loops_are_as_closed_as_the_certificate_says(
     plan = plan_crossing(robot, LINE, duration=1.5)
     t = np.linspace(0.0, 1.5, 997)
     q = plan.dynamics.configuration(t)
-    data, model = robot.model.createData(), robot.model
-    tips = [model.getFrameId(name, pin.FrameType.BODY) for name in ("left_tip", "right_tip")]
-    gaps = []
-    for row in q:
-        pin.framesForwardKinematics(model, data, row)
-        left, right = (data.oMf[frame].translation for frame in tips)
-        gaps.append(np.linalg.norm(left - right))
+    tips = (placements(robot.model, ("left_tip", "right_tip"), row) for row in q)
+    gaps = [np.linalg.norm(left.translation - right.translation) for left, right in tips]
     assert max(gaps) < max(10 * plan.certificate.max_closure_error, 1e-14)
 
 

@@ -25,7 +25,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motion_at
 from framework.model.readers import parse_any
-from tests.kinematics.test_couplings import URDF, YAML
+from tests.kinematics.test_couplings import cardan_in
 from tests.model.readers.foreign_files import DATA, without_dry_friction
 from tests.oracles.massless_legs import machine
 from tests.robots.every_robot import CASES, in_stages
@@ -54,20 +54,13 @@ def on_balls():
     return ParallelRobot.from_description(without_dry_friction(replace(description, joints={})))
 
 
-def coupled(tmp_path):
-    """Two links with a gear and damping between their joints, the platform on a line."""
-    (tmp_path / "cardan.urdf").write_text(URDF, encoding="utf-8")
-    (tmp_path / "cardan.yaml").write_text(YAML, encoding="utf-8")
-    return ParallelRobot.from_file(tmp_path / "cardan.yaml")
-
-
 OTHERS = {
     "distance": lambda _: ParallelRobot.from_description(
         without_right_rod(robots.load("five_bar").description)
     ),
     "two turns": lambda _: ParallelRobot.from_file(THREE_PRS),
     "balls": lambda _: on_balls(),
-    "coupling": coupled,
+    "coupling": cardan_in,
 }
 
 

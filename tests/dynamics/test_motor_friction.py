@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    Line,
-    NoLaw,
-    ParallelRobot,
-    load_plan,
-    plan_crossing,
-    simulate,
-)
+from framework import Line, NoLaw, ParallelRobot, load_plan, plan_crossing, simulate
 from framework.cli import main
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.model.description import JointDynamics

@@ -24,7 +24,7 @@ CASES = [("light five-bar", STIFF), *(pytest.param(kind, 1.0, marks=pytest.mark.
 
 
 @cache
-def planned(kind: str, softness: float = STIFF) -> CrossingPlan:
+def planned(kind: str, softness: float) -> CrossingPlan:
     """An upright robot with elastic drives and links, across its locus."""
     asked = drawn(ROBOTS[kind])
     return plan_crossing(asked.robot(softness), asked.path, duration=asked.duration, law="optimal")
@@ -50,7 +50,7 @@ def smooth_noise(splines, rng, count):
 
 
 def test_slopes_of_the_balance_are_those_of_central_differences():
-    plan, rng = planned("light five-bar"), np.random.default_rng(0)
+    plan, rng = planned("light five-bar", STIFF), np.random.default_rng(0)
     branch = search_path(plan.robot, plan.path).branch
     known = deflections_of(branch, plan.law)
 
@@ -73,7 +73,7 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
 
 
 def test_one_step_squares_a_small_error():
-    plan = planned("light five-bar")
+    plan = planned("light five-bar", STIFF)
     branch = search_path(plan.robot, plan.path).branch
     known = deflections_of(branch, plan.law)
     equations = BalanceEquations(branch, lambda _: known.clock, np.zeros(0))

@@ -18,15 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 import robots
-from framework import (
-    Arc,
-    CrossingPlan,
-    Line,
-    NoAnswer,
-    ParallelRobot,
-    Spline,
-    locate_singularities,
-)
+from framework import Arc, CrossingPlan, Line, NoAnswer, ParallelRobot, Spline, locate_singularities
 from framework.laws.path import Path
 from framework.model.description import RobotDescription
 from framework.planning.scenes import scene_path

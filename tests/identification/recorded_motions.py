@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from framework import ParallelRobot, assemble, dynamics_at
+from framework import CrossingPlan, ParallelRobot, assemble, dynamics_at
 from framework.identification import Recording
 from framework.kinematics.inverse_kinematics import close_loops
 
@@ -29,13 +29,19 @@ def sines(robot: ParallelRobot, *, duration: float, rate: float, size: float, se
     speed = instant.v[:, robot.actuated]
     dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
     angles = robot.gear_ratio * robot.actuated_coordinates(q)
-    names = [
-        "time",
-        *(f"motor_angle_{joint}" for joint in robot.actuator_names),
-        *(f"torque_{joint}" for joint in robot.actuator_names),
-        *(f"platform_{axis}" for axis in robot.axis_names),
-    ]
-    return Recording("sines", tuple(names), np.column_stack([t, angles, instant.torque + dry, x]))
+    names = (*motor_columns(robot), *(f"platform_{axis}" for axis in robot.axis_names))
+    return Recording("sines", names, np.column_stack([t, angles, instant.torque + dry, x]))
+
+
+def motor_columns(robot: ParallelRobot) -> tuple[str, ...]:
+    """Names of the columns of time, of motor angles and of torques."""
+    return "time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names)
+
+
+def planned_motors(plan: CrossingPlan, samples: int) -> np.ndarray:
+    """Time, angles and torques of the motors (samples, 1 + 2 n_a) along a plan."""
+    t = np.linspace(0.0, plan.duration, samples)
+    return np.column_stack([t, plan.motor_angle(t), plan.torque(t)])
 
 
 def measured(exact: Recording, robot: ParallelRobot, seed: int, *, torque: float = 0.01) -> Recording:

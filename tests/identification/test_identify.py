@@ -17,7 +17,7 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.measured_motion import measured_motion
-from tests.identification.recorded_motions import measured, sines
+from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
 RUNS = 40
@@ -141,11 +141,8 @@ def test_no_recording_makes_the_file_worse(tmp_path, capsys):
 def test_the_error_of_a_motion_without_a_singularity_is_known():
     """The delta's `pick` keeps away from Type 2, though its best direction is 40 times its worst."""
     robot = robots.load("delta")
-    plan = plan_scene(robot, "pick")
-    t = np.linspace(0.0, plan.duration, 1501)
-    names = ("time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names))
-    values = np.column_stack([t, plan.motor_angle(t), plan.torque(t)])
-    found = identify(robot, Recording("pick", names, values), cutoff=20.0)
+    values = planned_motors(plan_scene(robot, "pick"), 1501)
+    found = identify(robot, Recording("pick", motor_columns(robot), values), cutoff=20.0)
     assert (found.error_before < 0.02).all()
 
 
@@ -153,43 +150,30 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     """Scene C is a line of 1.5 s: it shows less than there is to see, and says so."""
     robot = NOMINAL["five_bar_heavy"]
     plan = plan_scene(robot, "C")
-    t = np.linspace(0.0, plan.duration, 1501)
-    names = (
-        "time",
-        *(f"motor_angle_{j}" for j in robot.actuator_names),
-        *(f"torque_{j}" for j in robot.actuator_names),
-    )
-    values = np.column_stack([t, plan.motor_angle(t), plan.torque(t)])
+    names, values = motor_columns(robot), planned_motors(plan, 1501)
+    x = plan.platform(values[:, 0])
     for stride in (1, 2, 3):  # rounding decides on which side of the crossing an instant lies
         with pytest.raises(Type2Singularity, match="poses must come from the measured platform") as refusal:
             identify(robot, Recording("C", names, values[stride // 2 :: stride]))
         np.testing.assert_allclose(refusal.value.platform, plan.crossings[0].platform, atol=2e-3)
-    with_platform = Recording(
-        "C", (*names, "platform_x", "platform_y"), np.column_stack([values, plan.platform(t)])
-    )
+    with_platform = Recording("C", (*names, "platform_x", "platform_y"), np.column_stack([values, x]))
     found = identify(robot, with_platform, cutoff=20.0)
     assert found.poses == "platform"
     assert found.undetermined
     assert found.error_after.max() < 0.01
     assert 0.0 < found.motor_misfit < 1e-3
     values[:, 1] += 0.5 * robot.gear_ratio[0]
-    elsewhere = Recording("C", with_platform.names, np.column_stack([values, plan.platform(t)]))
+    elsewhere = Recording("C", with_platform.names, np.column_stack([values, x]))
     with pytest.raises(InvalidInput, match="motor_angle_left_motor contradicts the measured platform"):
         identify(robot, elsewhere, cutoff=20.0, poses="platform")
 
 
 def test_whole_turns_of_a_motor_do_not_change_the_motion():
     robot = NOMINAL["five_bar"]
-    plan = plan_scene(robot, "A")
-    t = np.linspace(0.0, plan.duration, 301)
-    names = ("time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names))
+    values, turns = planned_motors(plan_scene(robot, "A"), 301), [0, *(robot.gear_ratio * [1, -2]), 0, 0]
     own, turned = (
-        measured_motion(
-            robot,
-            Recording("A", names, np.column_stack([t, plan.motor_angle(t) + more, plan.torque(t)])),
-            cutoff=20.0,
-        )
-        for more in (np.zeros(2), 2 * np.pi * robot.gear_ratio * [1, -2])
+        measured_motion(robot, Recording("A", motor_columns(robot), values + more), cutoff=20.0)
+        for more in (0.0, 2 * np.pi * np.array(turns))
     )
     np.testing.assert_allclose(turned.motion.q, own.motion.q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(turned.motion.a, own.motion.a, rtol=0, atol=1e-6)
@@ -209,16 +193,10 @@ def test_whole_turns_of_a_motor_do_not_change_the_motion():
 )
 def test_what_cannot_be_identified_from_is_said(change, options, message):
     robot = NOMINAL["five_bar"]
-    plan = plan_scene(robot, "A")
-    t = np.linspace(0.0, plan.duration, 301)
-    names = (
-        "time",
-        *(f"motor_angle_{j}" for j in robot.actuator_names),
-        *(f"torque_{j}" for j in robot.actuator_names),
-    )
-    values = change(np.column_stack([t, plan.motor_angle(t), plan.torque(t)]))
+    values = change(planned_motors(plan_scene(robot, "A"), 301))
+    names = motor_columns(robot)[: values.shape[1]]
     with pytest.raises(InvalidInput) as said:
-        identify(robot, Recording("data", names[: values.shape[1]], values), **options)
+        identify(robot, Recording("data", names, values), **options)
     assert message in str(said.value)
 
 

@@ -1,6 +1,7 @@
 """Couplings of joints, q_a = ratio q_b + offset, against closed forms."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,12 +52,16 @@ reference: {{a: 0.7}}
 """
 
 
+def cardan_in(folder: Path) -> ParallelRobot:
+    """Two equal links with a gear b = -2 a: the tip moves along x, x = 2 LENGTH cos(a)."""
+    (folder / "cardan.urdf").write_text(URDF, encoding="utf-8")
+    (folder / "cardan.yaml").write_text(YAML, encoding="utf-8")
+    return ParallelRobot.from_file(folder / "cardan.yaml")
+
+
 @pytest.fixture
 def cardan(tmp_path) -> ParallelRobot:
-    """Two equal links with a gear b = -2 a: the tip moves along x, x = 2 LENGTH cos(a)."""
-    (tmp_path / "cardan.urdf").write_text(URDF, encoding="utf-8")
-    (tmp_path / "cardan.yaml").write_text(YAML, encoding="utf-8")
-    return ParallelRobot.from_file(tmp_path / "cardan.yaml")
+    return cardan_in(tmp_path)
 
 
 def torque(a: float, da: float, dda: float) -> float:

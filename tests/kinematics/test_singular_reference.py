@@ -140,9 +140,6 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
         )
 
 
-# ------------------------------------------------------------------ the second net: certificate and simulator
-
-
 @pytest.fixture
 def unguarded(monkeypatch):
     """A parallelogram whose reference, 3e-9 rad from flat or less, nobody looks at."""
@@ -159,9 +156,6 @@ def test_the_certificate_finds_the_equation_that_was_dropped(unguarded, beside):
 def test_the_simulator_watches_the_equation_that_was_dropped(unguarded):
     with pytest.raises(NotAssembled, match=r"tears a loop: loop\.x, .* open by .* at t = "):
         simulate(unguarded(0.0), lambda t: [1.0], duration=1.0)
-
-
-# ------------------------------------------------------------------ springs
 
 
 def test_an_equation_that_springs_move_nearby_but_not_at_the_reference_is_found():

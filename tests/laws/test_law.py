@@ -91,9 +91,6 @@ def test_derivatives_have_the_shape_of_the_times():
     assert np.all(law(np.linspace(0, DURATION, 5), 13) == 0.0)  # beyond the degree
 
 
-# ------------------------------------------------------------------ Briot and Arakelian 2010
-
-
 PAPER = [  # smoothness, conditions inside, printed coefficients of t^5, t^6, ...
     (4, crossing(1.0, 2 / 3, 1.5, 0.0), [14.96, -6.38, -128.38, 334.66, -381.71, 230.08, -71.67, 9.12]),
     (4, [], [16.59, -36.87, 31.6, -12.29, 1.82]),
@@ -112,9 +109,6 @@ def test_the_papers_laws_come_out_when_rounded_to_two_decimals(smoothness, inner
 def test_the_printed_coefficients_cannot_be_used_as_they_are():
     ends = [Polynomial([0] * 5 + powers)(DURATION) for *_, powers in PAPER]
     assert [round(end, 2) for end in ends] == [1.77, 0.91]  # of the path, where 1 is its end
-
-
-# ------------------------------------------------------------------ what cannot be a law
 
 
 @pytest.mark.parametrize(
@@ -139,9 +133,6 @@ def test_the_printed_coefficients_cannot_be_used_as_they_are():
 def test_impossible_conditions_raise(conditions, duration, words):
     with pytest.raises(InvalidInput, match=words):
         Law.from_conditions(conditions, duration)
-
-
-# ------------------------------------------------------------------ monotone or not
 
 
 def law_with_slope(smoothness: int, factor: Polynomial) -> Law:

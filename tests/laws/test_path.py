@@ -227,9 +227,6 @@ def test_the_points_of_a_path_are_its_own():
     np.testing.assert_array_equal(path(0.0), POINTS[0])
 
 
-# ------------------------------------------------------------------ x(s(t))
-
-
 LAW = Law.rest_to_rest(1.5, 4, [Condition(1.0, 0, 0.667), Condition(1.0, 1, 1.5), Condition(1.0, 2, -0.3)])
 
 

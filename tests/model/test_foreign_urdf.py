@@ -17,6 +17,7 @@ from framework.model.description import Coupling, JointDynamics
 from framework.model.urdf_edits import lock_joints
 from framework.model.urdf_elements import locate_urdf
 from tests.conftest import REMOVED
+from tests.oracles.placements import placements
 from tests.urdf_edits import edited
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
@@ -40,9 +41,6 @@ def nothing_installed(monkeypatch, tmp_path):
     monkeypatch.setattr("importlib.metadata.files", files)
     monkeypatch.setattr(urdf.sysconfig, "get_path", lambda name: str(tmp_path))
     return tmp_path
-
-
-# ------------------------------------------------------------------ package://
 
 
 def test_a_file_of_an_installed_package_is_found():
@@ -99,9 +97,6 @@ def test_a_wrong_reference_is_refused(write_robot, reference, words):
         assert word in str(caught.value)
 
 
-# ------------------------------------------------------------------ locked
-
-
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 @pytest.mark.parametrize("value", [0.0, 0.7, -2.5, 3.0])
 def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
@@ -114,10 +109,8 @@ def test_a_locked_joint_stands_where_it_would_be_moved_to(kind, value):
         q = pin.neutral(model)
         if model is whole:
             q[:2] = (np.cos(value), np.sin(value)) if kind == "continuous" else (value, q[1])
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, q)
-        tips.append(data.oMf[model.getFrameId("tip", pin.FrameType.BODY)].homogeneous)
-    np.testing.assert_allclose(tips[0], tips[1], atol=1e-15)
+        tips += placements(model, ("tip",), q)
+    np.testing.assert_allclose(tips[0].homogeneous, tips[1].homogeneous, atol=1e-15)
 
 
 def test_a_mimic_joint_is_coupled_unless_locked(write_robot):
@@ -152,9 +145,6 @@ def test_a_wrong_lock_is_refused(write_robot, locked, words):
         read_robot_file(write_robot(("locked", locked), ("springs", REMOVED)))
     for word in words:
         assert word in str(caught.value)
-
-
-# ------------------------------------------------------------------ bodies
 
 
 def test_a_frame_may_carry_a_body(write_robot):

@@ -133,9 +133,6 @@ def test_springs_bring_neither_mass_nor_limits():
     assert np.all(elastic.model.lowerPositionLimit[elastic.elastic] < -1e6)
 
 
-# ------------------------------------------------------------------ continuous joints
-
-
 def test_joints_without_continuous_ones_keep_their_text():
     assert edited(REVOLUTE, (make_continuous_joints_revolute,)) == edited(REVOLUTE)
 

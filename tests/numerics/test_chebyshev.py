@@ -97,9 +97,6 @@ def test_differentiation_at_the_nodes_agrees_with_the_closed_form():
     np.testing.assert_allclose(second, np.hstack([-16 * np.sin(4 * t), 6 * t]), atol=1e-8)  # 24^4 / 15 eps
 
 
-# ------------------------------------------------------------------ resolution is proved by the tail
-
-
 KINK = 0.95
 
 
@@ -151,9 +148,6 @@ def test_the_tail_knows_no_unit(scale):
     assert tail(series) == pytest.approx(0.1, rel=1e-15)
 
 
-# ------------------------------------------------------------------ nodes off the instants
-
-
 @pytest.mark.parametrize("size", [16, 64, 65])
 def test_nodes_keep_clear_of_instants(size):
     for instants in ([1.05], [START + 0.5, 1.05], TimeGrid(WHOLE, size).times[[size // 2, size // 3]]):
@@ -166,9 +160,6 @@ def test_nodes_keep_clear_of_instants(size):
 
 def test_without_instants_the_grid_is_the_one_asked_for():
     assert TimeGrid.clear_of(np.empty(0), WHOLE, 32).size == 32
-
-
-# ------------------------------------------------------------------ roots and extrema
 
 
 @pytest.mark.parametrize(

@@ -77,9 +77,6 @@ def test_the_urdf_beside_a_robot_file_is_read_within_limits_too(write_robot, bes
         assert "five_bar.urdf: not a regular file" in refused(file, read, RobotFileError)
 
 
-# ------------------------------------------------------------------ XML and YAML
-
-
 def tree(links: int, *, kind: str = "revolute", star: bool = True) -> str:
     """A URDF with so many links, all on the first one or each on the one before."""
     joint = (

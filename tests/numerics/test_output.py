@@ -104,9 +104,6 @@ def test_what_is_no_name_is_refused(tmp_path, name):
     assert everything_in(tmp_path) == set()
 
 
-# ------------------------------------------------------------------ files of others
-
-
 @pytest.mark.parametrize(
     ("there", "named"),
     [
@@ -140,9 +137,6 @@ def test_files_beside_a_document_of_ours_are_replaced(tmp_path):
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == FILES
 
 
-# ------------------------------------------------------------------ processes that are told to end
-
-
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -170,14 +164,6 @@ def test_what_another_process_is_writing_is_left_alone(tmp_path):
         (temporary / "mine").write_text("mine")
         write(tmp_path)
     assert everything_in(tmp_path) == {*FILES, "mine"}
-
-
-@pytest.fixture
-def hearing():
-    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.usefixtures("hearing")
@@ -209,9 +195,6 @@ def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
     with interruptible(), pytest.raises(Terminated if number == signal.SIGTERM else KeyboardInterrupt):
         write(tmp_path)
     assert everything_in(tmp_path) == set(FILES)
-
-
-# ------------------------------------------------------------------ one file
 
 
 @pytest.mark.parametrize("place", ["page.html", "new/deeper/page.html"])

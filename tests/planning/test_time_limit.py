@@ -64,15 +64,6 @@ def test_no_time_is_no_limit():
         plan_scene(robots.load("five_bar"), "C", time_limit=0.0)
 
 
-@pytest.fixture
-def hearing():
-    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    signal.signal(signal.SIGINT, before)
-
-
 def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
     """The signal comes as soon as there is a law, the best so far, which the command proves and prints."""
     shown = []

@@ -57,6 +57,14 @@ def test_spherical_robots_have_at_most_eight(name, count):
     np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
 
 
+def check_modes(robot, found, q_a) -> None:
+    """The reference is the first, and all close the loops with these motors."""
+    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
+    for mode in found.modes:
+        assert describe_pose(robot, mode.q).closure_error < 1e-9
+        np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "finite"), [("gough_stewart", 28), ("delta", 36)])
 def test_the_paths_of_a_symmetric_platform_that_have_no_pose_end_at_infinity(name, finite):
@@ -66,11 +74,8 @@ def test_the_paths_of_a_symmetric_platform_that_have_no_pose_end_at_infinity(nam
     assert (found.status, found.complete) == ("numerically complete", False)
     assert (found.count.finite, found.count.infinite, found.count.lost) == (finite, 40 - finite, 0)
     assert "complete up to numerical path tracking" in found.sentence
-    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
-    for mode in found.modes:
-        assert mode.proved
-        assert describe_pose(robot, mode.q).closure_error < 1e-9
-        np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
+    check_modes(robot, found, q_a)
+    assert all(mode.proved for mode in found.modes)
 
 
 @pytest.mark.parametrize(
@@ -88,10 +93,7 @@ def test_other_robots_are_searched(name, status):
     found = assembly_modes(robot, q_a)
     assert (found.status, found.bound, found.count) == (status, None, None)
     assert found.modes[0].proved
-    np.testing.assert_allclose(found.modes[0].x, robot.reference.x, atol=1e-9)
-    for mode in found.modes:
-        assert describe_pose(robot, mode.q).closure_error < 1e-9
-        np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
+    check_modes(robot, found, q_a)
 
 
 def test_redundant_motors_are_refused():

@@ -19,6 +19,7 @@ import pinocchio as pin
 from framework import ParallelRobot
 from framework.model.description import Closure, RobotDescription, Spring, locked_axes
 from tests.oracles.joint_chain import Edge, along_z, chain, fixed, urdf
+from tests.oracles.placements import placements
 
 
 def openings(description: RobotDescription, closure: Closure) -> list[str]:
@@ -123,10 +124,8 @@ def _reference(description: RobotDescription) -> dict[str, float]:
 def _between(description: RobotDescription, first: str, second: str) -> pin.SE3:
     """Pose of the second link in the first at the assembled reference."""
     robot = ParallelRobot.from_description(description)
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.reference.q)
-    ends = [data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)] for name in (first, second)]
-    return ends[0].actInv(ends[1])
+    one, two = placements(robot.model, (first, second), robot.reference.q)
+    return one.actInv(two)
 
 
 def _walk(graph: list[Edge], root: str) -> tuple[list[Edge], list[Edge]]:

@@ -5,11 +5,9 @@ along an axis needs a new kind of row as well. Both are put into the 5R, where a
 are: the first stands for the robot's right rod, the second for a pin on a frame beside the tip.
 """
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
@@ -26,8 +24,10 @@ from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.leg_paving import collect_leg_equations
 from framework.proofs.working_modes import working_modes
+from tests.oracles.placements import placements
 from tests.robots.every_robot import assert_same_torques
 from tests.robots.test_closures_of_all_kinds import without_right_rod
+from tests.urdf_edits import add_fixed_link, edited
 
 LENGTH = {"planar_rod": 0.25, "pin_ahead": 0.07}  # [m] that of the 5R's rods; and any
 
@@ -47,14 +47,10 @@ def recipe(monkeypatch):
 
 def with_pin_ahead(of_5r):
     """The 5R whose tip is met by a pin at a distance from a frame behind it."""
-    root, length = ElementTree.fromstring(of_5r.urdf_text), LENGTH["pin_ahead"]
-    ElementTree.SubElement(root, "link", name="behind_tip")
-    joint = ElementTree.SubElement(root, "joint", name="behind_tip_mount", type="fixed")
-    ElementTree.SubElement(joint, "parent", link="left_tip")
-    ElementTree.SubElement(joint, "child", link="behind_tip")
-    ElementTree.SubElement(joint, "origin", xyz=f"{-length} 0 0")
+    length = LENGTH["pin_ahead"]
+    urdf_text = edited(of_5r.urdf_text, (add_fixed_link, "behind_tip", "left_tip", f"{-length} 0 0"))
     closure = Closure("tip", ("behind_tip", "right_tip"), locked_axes("pin_ahead"), length)
-    return replace(of_5r, urdf_text=ElementTree.tostring(root, encoding="unicode"), closures=(closure,))
+    return replace(of_5r, urdf_text=urdf_text, closures=(closure,))
 
 
 def described(kind):
@@ -67,9 +63,8 @@ def described(kind):
 
 def errors(robot, q):
     """The rows in closed form [m]: out of the plane, and off the length; or off the pin, across and along."""
-    (closure,), data = robot.description.closures, robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    first, second = (data.oMf[robot.model.getFrameId(name)] for name in closure.frames)
+    (closure,) = robot.description.closures
+    first, second = placements(robot.model, closure.frames, q)
     d = first.rotation.T @ (second.translation - first.translation)
     if closure.axes == ("z", "distance"):
         return np.array([d[2], (d @ d - closure.length**2) / (2 * closure.length)])

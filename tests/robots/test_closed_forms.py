@@ -19,10 +19,13 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
+from framework.kinematics.frames import frames_at
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.one_degree import crossing as lagrange_crossing
+from tests.oracles.one_degree import instants
 from tests.oracles.planar_work import assert_virtual_work
 from tests.robots import (
     test_agile_eye,
@@ -31,21 +34,26 @@ from tests.robots import (
     test_four_bar,
     test_gough_stewart,
     test_humanoid_ankle,
+    test_humanoid_knee,
     test_orthoglide,
     test_par4,
     test_slider_crank,
     test_spherical_rrr,
     test_three_rpr,
     test_three_rrr,
+    test_three_upu,
 )
 
 KINEMATICS: dict[str, Kinematics] = {
     "agile_eye": test_agile_eye.KINEMATICS,
+    "biglide": test_biglide.KINEMATICS,
     "delta": test_delta.KINEMATICS,
     "gough_stewart": test_gough_stewart.KINEMATICS,
     "humanoid_ankle": test_humanoid_ankle.KINEMATICS,
+    "humanoid_knee": test_humanoid_knee.KINEMATICS,
     "orthoglide": test_orthoglide.KINEMATICS,
     "par4": test_par4.KINEMATICS,
+    "slider_crank": test_slider_crank.KINEMATICS,
     "spherical_rrr": test_spherical_rrr.KINEMATICS,
 }
 CROSSINGS: dict[str, Crossing] = {
@@ -55,6 +63,13 @@ CROSSINGS: dict[str, Crossing] = {
     "par4": test_par4.CROSSING,
     "spherical_rrr": test_spherical_rrr.CROSSING,
 }
+CLEAR = {  # motor torques of Lagrange, along scenes that meet no singularity
+    ("agile_eye", "orient"): test_agile_eye.motor_torques,
+    ("agile_eye", "sweep"): test_agile_eye.motor_torques,
+    ("three_upu", "across"): test_three_upu.motor_torques,
+    ("three_upu", "around"): test_three_upu.motor_torques,
+}
+LINKAGES = {"four_bar": test_four_bar, "slider_crank": test_slider_crank}  # of one freedom, in sixty digits
 PLANAR = {"three_rpr": test_three_rpr, "three_rrr": test_three_rrr}  # three legs, whose lines may meet
 
 
@@ -97,6 +112,15 @@ def test_motors_have_their_closed_form(name):
         np.testing.assert_allclose(motors, known.motors(x), rtol=0, atol=known.motors_within)
 
 
+@pytest.mark.parametrize("name", ["delta", "orthoglide"])
+def test_a_platform_that_only_parallelograms_hold_stays_level(name):
+    robot = robots.load(name)
+    for x in KINEMATICS[name].places:
+        at = frames_at(robot, assemble(robot, x).q[None])
+        np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
+        np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
+
+
 @pytest.mark.parametrize("name", KINEMATICS)
 def test_A_and_B_have_their_closed_form(name):
     robot, known = robots.load(name), KINEMATICS[name]
@@ -131,6 +155,47 @@ def test_the_singular_point_is_where_three_lines_meet_and_torques_do_the_work_of
     assert_virtual_work(plan, known.bodies, known.GEAR, known.WORK_WITHIN)
     assert plan.certificate.tail < 1e-9
     assert plan.certificate.monotone
+
+
+@pytest.mark.parametrize(("name", "scene"), CLEAR)
+def test_torques_where_nothing_is_singular_satisfy_lagrange(name, scene):
+    plan = plan_scene(robots.load(name), scene)
+    assert not plan.crossings
+    assert plan.certificate.tail < (1e-12 if name == "three_upu" else 1e-9)
+    for t in np.linspace(0.0, plan.duration, 13):
+        expected = CLEAR[name, scene](*(plan.platform(t, order) for order in range(3)))
+        np.testing.assert_allclose(plan.torque(t), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["standing_quadruped", "two_arms"])
+def test_redundant_motors_leave_no_singularity_on_the_scenes(name):
+    robot = robots.load(name)
+    for scene in robot.description.scenes.values():
+        assert locate_singularities(robot, scene_path(scene)) == ()
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_torque_of_a_linkage_agrees_with_lagrange_at_its_dead_point_too(name):
+    known = LINKAGES[name]
+    plan = plan_scene(robots.load(name), known.CROSSED)
+    exact = lagrange_crossing(known.linkage(), near=known.NEAR, smoothness=2, **known.SCENE)
+    assert plan.crossings[0].s == pytest.approx(float(exact.s), abs=1e-14)
+    assert plan.crossings[0].residual < 1e-12
+    assert plan.certificate.tail < 1e-9
+    times = instants(known.SCENE["duration"], known.SCENE["time"])
+    expected = [exact.torque(t) for t in times]
+    np.testing.assert_allclose(plan.torque(times)[:, 0], expected, rtol=0, atol=1e-10)  # of 0.01 N m
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_torque_and_deflection_behind_an_elastic_drive_agree_with_lagrange(name):
+    known = LINKAGES[name]
+    plan = plan_scene(robots.load(name, flexibility="flexible_joints"), known.CROSSED)
+    exact = lagrange_crossing(known.linkage(), near=known.NEAR, smoothness=4, **known.SCENE)
+    times = instants(known.SCENE["duration"], known.SCENE["time"], 6)
+    torque, deflection = np.transpose([exact.torque_behind_spring(t, known.STIFFNESS) for t in times])
+    np.testing.assert_allclose(plan.torque(times)[:, 0], torque, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(plan.deflection(times)[:, 0], deflection, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", CROSSINGS)

@@ -17,9 +17,11 @@ from framework.model.description import CLOSURE_KINDS, Closure, locked_axes
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
 from tests.oracles.joint_chain import chain, urdf
+from tests.oracles.placements import placements
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import assert_same_torques
+from tests.urdf_edits import add_fixed_link
 
 PAIR = '<robot name="pair"><link name="ground"/><link name="one"/><link name="two"/></robot>'
 KINDS = {f"{kind} {axis}": locked_axes(kind, axis) for kind in CLOSURE_KINDS for axis in "xyz"}
@@ -64,10 +66,8 @@ def test_a_chain_of_joints_moves_as_the_rows_allow(kind):
         np.testing.assert_allclose(rows.drift, 0, atol=1e-12)  # products of ten rates of order one
         again = data.oMf[model.getFrameId("one")].actInv(data.oMf[model.getFrameId("two")])
         other, there = pair(closure, again)
-        found = other.createData()
-        pin.framesForwardKinematics(other, found, there)
-        put = found.oMf[other.getFrameId("one")].actInv(found.oMf[other.getFrameId("two")])
-        np.testing.assert_allclose(put.homogeneous, again.homogeneous, atol=1e-14)
+        one, two = placements(other, ("one", "two"), there)
+        np.testing.assert_allclose(one.actInv(two).homogeneous, again.homogeneous, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", CLOSURES)
@@ -100,11 +100,7 @@ def without_right_rod(description):
         root.remove(root.find(f"link[@name='{name}']"))
     for name in ("right_elbow", "right_rod_tip"):
         root.remove(root.find(f"joint[@name='{name}']"))
-    ElementTree.SubElement(root, "link", name="right_end")
-    joint = ElementTree.SubElement(root, "joint", name="right_end_mount", type="fixed")
-    ElementTree.SubElement(joint, "parent", link="right_crank")
-    ElementTree.SubElement(joint, "child", link="right_end")
-    ElementTree.SubElement(joint, "origin", xyz="0.25 0 0")
+    add_fixed_link(root, "right_end", "right_crank", "0.25 0 0")
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),

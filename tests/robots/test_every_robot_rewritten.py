@@ -11,14 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
-from tests.robots.every_robot import (
-    FEWEST_AND_MOST,
-    RIGID,
-    assert_same_torques,
-    crossing,
-    in_stages,
-    planned,
-)
+from tests.robots.every_robot import FEWEST_AND_MOST, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
 
 # Closures, by robot, in whose loop nothing else can be opened, and why. None today.
@@ -119,11 +112,7 @@ def test_torques_do_not_depend_on_where_the_robot_stands(original):
     shifted = ParallelRobot.from_description(
         moved(original.description, (3.0, -2.0, 1.0)), flexibility=original.flexibility
     )
-    one, two = planned(original), planned(shifted)
-    t = np.linspace(0.0, one.duration, 201)
-    peak = np.abs(one.torque(t)).max()
-    # coordinates a few metres off carry ten times the rounding
-    np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
+    assert_same_torques(planned(original), planned(shifted))  # metres off carry ten times the rounding
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
@@ -133,7 +122,5 @@ def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size
         scaled(original.description, size), flexibility=original.flexibility
     )
     one, two = planned(original), planned(other)
-    t = np.linspace(0.0, one.duration, 201)
-    peak = np.abs(one.torque(t)).max()
-    np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)
+    assert_same_torques(one, two, ratio=size**2)
     assert two.certificate.nodes == one.certificate.nodes

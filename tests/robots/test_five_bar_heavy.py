@@ -8,14 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import (
-    Condition,
-    Law,
-    UnboundedTorque,
-    assemble,
-    inverse_dynamics,
-    locate_singularities,
-)
+from framework import Condition, Law, UnboundedTorque, assemble, inverse_dynamics, locate_singularities
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.planning.scenes import scene_path
 from tests.oracles.forward_simulation import forward_simulate

@@ -4,6 +4,8 @@ The closed forms below know the published dimensions and nothing of the URDF. Al
 so a step of 1e-30 i gives their derivatives to rounding.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,8 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.chebyshev import TimeGrid
-from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.lagrange import platform_force
 from tests.oracles.spherical import cross, rodrigues, spin
 
 ROBOT = "gough_stewart"
@@ -30,9 +32,6 @@ def ring(radius, degrees):
 
 BASE = ring(3.0, [-2.5, 2.5, 117.5, 122.5, 237.5, 242.5])  # (6, 3) [m]
 PLATFORM = ring(1.0, [-50.0, 50.0, 70.0, 170.0, 190.0, 290.0])
-
-
-# ------------------------------------------------------------------ closed forms
 
 
 def legs(x):
@@ -115,17 +114,9 @@ def gradient(function, x):
     return np.array([function(x + 1j * H * unit).imag / H for unit in np.eye(6)])
 
 
-def platform_force(x, dx, ddx):
-    """Lagrange: what the legs must do on the coordinates x, (6,)."""
-    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-
-
 def length_rates(x):
     """d(lengths)/dx (6, 6): leg by coordinate."""
     return np.array([lengths(x + 1j * H * unit).imag / H for unit in np.eye(6)]).T
-
-
-# ------------------------------------------------------------------ the robot
 
 
 def poses(count, turn):
@@ -142,7 +133,7 @@ CROSSING = Crossing(
     lines=plucker,
     bracket=(0.3, 0.6),
     rates=length_rates,
-    force=platform_force,
+    force=partial(platform_force, kinetic_energy, potential_energy),
     gear=GEAR,
     share=0.9,
     twist_within=1e-11,
@@ -151,9 +142,6 @@ CROSSING = Crossing(
     away=0.1,
     power_within=1e-9,
 )
-
-
-# ------------------------------------------------------------------ a platform that turns
 
 
 @pytest.mark.parametrize(
@@ -185,9 +173,6 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
     for k in (0, 40, 95):
         R = frames_at(robot, closed.q[k : k + 1]).rotation[0, 0]
         np.testing.assert_allclose(R, rodrigues(x[k, 3:]).real, atol=1e-12)
-
-
-# ------------------------------------------------------------------ the crossing
 
 
 def test_level_platform_is_singular_a_quarter_turn_from_home():

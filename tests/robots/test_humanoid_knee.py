@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
+from framework import locate_singularities, plan_scene
 from framework.planning.scenes import scene_path
+from tests.oracles.closed_form import Kinematics
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
 ROBOT = "humanoid_knee"
@@ -84,13 +85,8 @@ def aligned(x):
     return tx * pz - tz * px
 
 
-@pytest.mark.parametrize("x", np.random.default_rng(1).uniform(0.0, 2.6, 6))
-def test_motor_and_A_B_have_their_closed_form(robot, x):
-    q = assemble(robot, [x]).q
-    assert robot.actuated_coordinates(q[None])[0, 0] == pytest.approx(motor(x), abs=1e-12)
-    ours = velocity_matrices(robot, q)
-    slope = float(mp.diff(motor, mp.mpf(x)))
-    assert ours.A[0, 0] == pytest.approx(ours.B[0, 0] * slope, abs=1e-12)
+PLACES = np.random.default_rng(1).uniform(0.0, 2.6, (6, 1))
+KINEMATICS = Kinematics(PLACES, motor, lambda x: [[float(mp.diff(motor, mp.mpf(x[0])))]], 1e-12, 1e-12)
 
 
 def test_the_motor_loses_the_knee_where_the_rod_points_at_it(robot):

@@ -5,6 +5,7 @@ hinges keep the platform from turning.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,7 +20,6 @@ from framework import (
     locate_singularities,
     velocity_matrices,
 )
-from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.lagrange import platform_force
@@ -31,9 +31,6 @@ ROD_ACROSS, ROD_ALONG = ROD * (3 * 0.007**2 + LENGTH**2) / 12, ROD * 0.007**2 / 
 TILTING = (0.2 + BAR) * 0.012**2 / 2  # cross and bar about themselves [kg m^2]
 GEAR, ROTOR = 314.1592653589793, 5e-5
 LEGS = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])  # x, y, z of a leg's frame among those of the base
-
-
-# ------------------------------------------------------------------ closed forms, analytic
 
 
 def along(x):
@@ -77,10 +74,6 @@ def potential_energy(x):
     return 9.81 * ((CARRIED + ROD) * lifted + (PLATFORM + 3 * BAR + 3 * ROD) * x[2])
 
 
-def force(x, dx, ddx):
-    return platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-
-
 def hinge_volume(x):
     """Zero when three legs of hinges alone would let the platform turn: their planes y, z share a line."""
     return float(np.prod(along(x)) - np.prod(x))
@@ -88,9 +81,6 @@ def hinge_volume(x):
 
 def exact_s(path, measure):
     return brentq(lambda s: measure(path(s)), 0.0, 1.0, xtol=1e-15, rtol=1e-15)
-
-
-# ------------------------------------------------------------------ the robot
 
 
 PLACES = np.random.default_rng(5).uniform(-0.12679, 0.07321, (12, 3))
@@ -102,20 +92,12 @@ CROSSING = Crossing(
     lines=legs,
     bracket=(0.0, 1.0),
     rates=velocity_ratio,
-    force=force,
+    force=partial(platform_force, kinetic_energy, potential_energy),
     gear=GEAR,
     share=0.95,
     twist_within=1e-10,
     force_within=lambda force: 1e-9,
 )
-
-
-def test_the_platform_does_not_turn(robot):
-    for x in PLACES:
-        q = assemble(robot, x).q
-        at = frames_at(robot, q[None])
-        np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
-        np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
 
 
 def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
@@ -129,9 +111,6 @@ def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
     factors = np.array([np.linalg.svd(velocity_ratio(x), compute_uv=False) for x in inside])
     assert factors.max() < 2 + 1e-12
     assert factors.min() > 0.5 - 1e-12
-
-
-# ------------------------------------------------------------------ singularities
 
 
 def test_on_the_diagonal_the_legs_are_parallel_to_one_plane_at_L_over_sqrt_6(robot):
@@ -157,6 +136,3 @@ def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere
     path = scene_path(robot.description.scenes["cross"])
     with pytest.raises(NotConverged, match=f"s = {exact_s(path, hinge_volume):.6g}, .* dropped as redundant"):
         locate_singularities(hinged, path)
-
-
-# ------------------------------------------------------------------ the crossing

@@ -8,11 +8,10 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import check_robot, locate_singularities, plan_scene
+from framework import check_robot, plan_scene
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
-from framework.planning.scenes import scene_path
 
 ROBOT = "standing_quadruped"
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
@@ -22,9 +21,6 @@ WIDTH = 0.014 + 0.03745 + 0.008  # from the axis of the hip to the foot, across 
 GEAR, ROTOR = 9.0, 1e-5
 STAND = np.array([[0.1946, 0.14695, 0], [0.1946, -0.14695, 0], [-0.1946, 0.14695, 0], [-0.1946, -0.14695, 0]])
 HIP = np.array([[0.1946, 0.0875, 0], [0.1946, -0.0875, 0], [-0.1946, 0.0875, 0], [-0.1946, -0.0875, 0]])
-
-
-# ------------------------------------------------------------------ closed forms
 
 
 def leg_angles(x):
@@ -92,9 +88,6 @@ def poses(count):
     return [0, 0, 0.2, 0, 0, 0] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 6))
 
 
-# ------------------------------------------------------------------ geometry
-
-
 def test_mobility(robot):
     found = check_robot(robot)
     assert (found.mobility, found.redundant_motors, found.rank, found.redundant_rows) == (6, 6, 12, ())
@@ -121,14 +114,6 @@ def test_forward_and_inverse_kinematics_agree(robot, witness):
         pin.framesForwardKinematics(witness.model, witness.data, witness.configuration(x, leg_angles(x)))
         for foot, stand in zip(witness.feet, STAND, strict=True):
             np.testing.assert_allclose(witness.data.oMf[foot].translation, stand, atol=1e-12)
-
-
-def test_four_feet_leave_no_singularity_on_the_scenes(robot):
-    for scene in robot.description.scenes.values():
-        assert locate_singularities(robot, scene_path(scene)) == ()
-
-
-# ------------------------------------------------------------------ forces
 
 
 def test_standing_still_the_feet_carry_the_weight(plan, witness):

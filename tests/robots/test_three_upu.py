@@ -16,7 +16,6 @@ from framework import (
     check_robot,
     locate_singularities,
     plan_crossing,
-    plan_scene,
     track_path,
     velocity_matrices,
 )
@@ -129,16 +128,6 @@ def test_joints_have_their_closed_forms_and_the_platform_stays_level(robot):
         np.testing.assert_allclose(np.linalg.solve(B, A), rates, atol=1e-11)
 
 
-@pytest.mark.parametrize("scene", ["across", "around"])
-def test_torques_are_those_of_lagrange_and_virtual_work(scene):
-    plan = plan_scene(robots.load("three_upu"), scene)
-    assert plan.crossings == ()
-    assert plan.certificate.tail < 1e-12
-    for t in np.linspace(0.0, plan.duration, 13):
-        expected = motor_torques(plan.platform(t), plan.platform(t, 1), plan.platform(t, 2))
-        np.testing.assert_allclose(plan.torque(t), expected, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("flexibility", FLEXIBILITIES)
 @pytest.mark.parametrize("height", [0.45, 0.6])
 def test_the_symmetric_pose_is_a_constraint_singularity(height, flexibility):
@@ -169,8 +158,6 @@ def test_elsewhere_det_P_is_that_of_the_couples(robot):
         assert np.linalg.det(legs) == pytest.approx(3 * np.sqrt(3) / 2 * SHIFT**2 * p[2], rel=1e-12)
         assert np.linalg.svd(passive_matrix(robot, linearised_of(robot, p))[0], compute_uv=False)[-1] > 1e-3
 
-
-# ------------------------------------------------------------------ paths that meet the axis of symmetry
 
 START, END = np.array([0.12, 0.06, 0.55]), np.array([-0.08, -0.04, 0.62])  # through the axis at s = 0.6
 SIDEWAYS = np.array([1.0, -2.0, 0.0]) / np.sqrt(5.0)  # normal to it

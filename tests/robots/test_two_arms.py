@@ -8,10 +8,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import check_robot, locate_singularities, plan_scene
+from framework import check_robot, plan_scene
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
-from framework.planning.scenes import scene_path
 
 ROBOT = "two_arms"
 BAXTER = "package://example-robot-data/robots/baxter_description/urdf/baxter.urdf"
@@ -86,9 +85,6 @@ def poses(count):
     return [0.57, 0, 0.15, 0, 0, 0] + spread * np.random.default_rng(4).uniform(-1, 1, (count, 6))
 
 
-# ------------------------------------------------------------------ geometry
-
-
 def test_mobility(robot):
     found = check_robot(robot)
     assert (found.mobility, found.redundant_motors, found.rank, found.redundant_rows) == (6, 6, 6, ())
@@ -128,14 +124,6 @@ def test_joints_stay_within_their_limits(robot):
         assert np.all(angle < model.upperPositionLimit[a])
         assert np.all(np.abs(speed) < model.velocityLimit[a])
         assert np.all(np.abs(torque) < model.effortLimit[a])
-
-
-def test_where_every_joint_has_a_motor_there_is_no_type_2(robot):
-    for scene in robot.description.scenes.values():
-        assert locate_singularities(robot, scene_path(scene)) == ()
-
-
-# ------------------------------------------------------------------ forces
 
 
 def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):

@@ -11,7 +11,7 @@ import pytest
 import robots
 from framework.show.film import Film
 from framework.singularity.jogging import move_platform_straight
-from tests.show.test_film import filmed
+from tests.browser.pages import filmed
 
 CROSSING = {
     "biglide": "across",

@@ -16,7 +16,7 @@ from framework.show.captions import (
     explain_crossing,
     why_singular,
 )
-from tests.show.test_film import filmed
+from tests.browser.pages import filmed
 
 
 @pytest.mark.parametrize(

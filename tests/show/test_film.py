@@ -4,15 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import robots
 from framework.dynamics.platform_wrench import wrench_along
-from framework.planning.scenes import scene_request
-from framework.show.film import film_motion
-
-
-def filmed(name: str, scene_name: str, flexibility: str = "rigid", **changed):
-    robot = robots.load(name, flexibility=flexibility)
-    return film_motion(robot, scene_request(robot, scene_name, **changed), name=scene_name)
+from tests.browser.pages import filmed
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import robots
 from framework.dynamics.platform_wrench import action_lines
 from framework.show.scene import force_edges, why_no_figure
 from framework.show.shapes import body_shapes, motor_shapes
-from tests.show.test_film import filmed
+from tests.browser.pages import filmed
 
 # Where each leg begins and ends; legs without mass or their own load carry forces along themselves alone.
 LEGS = {

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import encode_floats, film_documents
 from framework.show.shapes import body_shapes, thin_mesh
-from tests.show.test_film import filmed
+from tests.browser.pages import film_anew, filmed
 
 # The others, whose meshes may take seconds to read, are slow.
 QUICK = ("five_bar", "slider_crank", "three_rpr", "delta", "gough_stewart", "agile_eye", "humanoid_ankle")
@@ -114,7 +115,7 @@ def test_the_page_is_one_file_without_a_network():
 
 def test_a_name_cannot_break_out_of_the_page():
     film = filmed("five_bar", "A")
-    page = film_page([type(film)(**{**vars(film), "name": "</script><b>"})])
+    page = film_page([replace(film, name="</script><b>")])
     assert documents(page)[0]["title"] == "</script><b>"
     assert "</script><b>" not in page
 
@@ -176,5 +177,5 @@ def test_a_path_is_tracked_once_for_its_film(monkeypatch):
         ("B", "flexible_links", ["flexible_links", "rigid"]),
     ):
         asked.clear()
-        filmed("five_bar", scene, flexibility)
+        film_anew("five_bar", scene, flexibility)
         assert asked == times

@@ -19,7 +19,7 @@ from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
 from framework.show.style import PATH
-from tests.show.test_film import filmed
+from tests.browser.pages import filmed
 
 
 def test_the_hull_is_that_of_qhull():

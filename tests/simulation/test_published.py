@@ -31,9 +31,6 @@ def columns(robot: ParallelRobot, start: str) -> list[int]:
     return [c for c in range(robot.model.nv) if robot.coordinates.name_of(c).startswith(start)]
 
 
-# ------------------------------------------------------------------ N-four-bar
-
-
 def leaning(loops: int, t: np.ndarray) -> np.ndarray:
     """Angle of the rods from the vertical after a start upright at 1 rad/s.
 
@@ -87,9 +84,6 @@ def test_two_four_bars_for_ten_seconds(tmp_path):
     assert max(gaps) < 1e-9
 
 
-# ------------------------------------------------------------------ Andrews' squeezing mechanism
-
-
 def squeezed(**options):
     """The squeezer from its reference under its torque."""
     robot = ParallelRobot.from_file(SQUEEZER)
@@ -122,9 +116,6 @@ def test_andrews_squeezer_in_fixed_steps():
         assert error / 5 < result.unresolved < 5 * error
 
 
-# ------------------------------------------------------------------ Bricard's mechanism
-
-
 def test_bricard_for_ten_seconds_keeps_its_energy():
     """IFToMM A04: released at rest, one degree of freedom, so that M(x) x'^2 / 2 + V(x) = V(x_0) says all."""
     robot = without_motor(robots.load("bricard"))
@@ -136,9 +127,6 @@ def test_bricard_for_ten_seconds_keeps_its_energy():
     inertia, height = np.array([energies(angle) for angle in x]).T
     np.testing.assert_allclose(0.5 * inertia * rate**2 + height, energies(x[0])[1], atol=1e-8)
     assert np.ptp(x) > 0.5
-
-
-# ------------------------------------------------------------------ a fall through a fourfold singularity
 
 
 @pytest.mark.slow

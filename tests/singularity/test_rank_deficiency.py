@@ -78,14 +78,16 @@ def test_values_that_vanish_together_are_one_contact(others):
     assert only.kind == "transversal"
 
 
-def test_values_that_touch_together_are_tangential():
-    (only,) = found(touch(0.37), touch(0.37, 0.7))
-    assert only.s == pytest.approx(0.37, abs=1e-9)
-    assert only.kind == "tangential"
+TANGENTIAL = {
+    "both touch": ((touch(0.37), touch(0.37, 0.7)), 1),
+    "one crosses, one touches": ((root(0.37), touch(0.37, 0.7)), 1),
+    "what crosses in P touches in P'P, as with redundant motors": ((root(0.37), root(0.37, -0.6)), 2),
+}
 
 
-def test_one_that_crosses_with_one_that_touches_is_tangential():
-    (only,) = found(root(0.37), touch(0.37, 0.7))
+@pytest.mark.parametrize(("entries", "power"), TANGENTIAL.values(), ids=TANGENTIAL)
+def test_values_that_vanish_together_and_touch_are_tangential(entries, power):
+    (only,) = found(*entries, power=power)
     assert only.s == pytest.approx(0.37, abs=1e-9)
     assert only.kind == "tangential"
 
@@ -162,13 +164,6 @@ def test_a_contact_on_the_edge_of_panels_or_of_the_path_is_found_once():
     for at in (0.0, 0.5, 1.0):
         (only,) = found(root(at), root(at, -0.7))
         assert only.s == pytest.approx(at, abs=1e-12)
-
-
-def test_squares_touch():
-    """With redundant motors the matrix is P'P: what crosses in P touches there."""
-    (only,) = found(root(0.4), root(0.4, -0.6), power=2)
-    assert only.s == pytest.approx(0.4, abs=1e-9)
-    assert only.kind == "tangential"
 
 
 def test_a_path_along_the_locus_is_refused():

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from framework.singularity.bordered_system import (
-    DIFFERENCE_STEP,
-    differentiate_g,
-    root_of_g,
-    stencil,
-)
+from framework.singularity.bordered_system import DIFFERENCE_STEP, differentiate_g, root_of_g, stencil
 
 
 def moved_by(values, seed: int = 3):

@@ -14,7 +14,7 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene
 from framework.files.mjcf import convert_to_qpos, mjcf_text
 from framework.model.description import JointDynamics
-from tests.kinematics.test_couplings import URDF, YAML
+from tests.kinematics.test_couplings import cardan_in
 from tests.witness.installed import REQUIRED
 
 if not REQUIRED:
@@ -85,9 +85,7 @@ def test_torques_of_an_optimal_crossing_with_damping_and_armature_are_those_of_m
 
 
 def test_torques_of_coupled_joints_are_those_of_mujoco(tmp_path):
-    (tmp_path / "cardan.urdf").write_text(URDF, encoding="utf-8")
-    (tmp_path / "cardan.yaml").write_text(YAML, encoding="utf-8")
-    robot = ParallelRobot.from_file(tmp_path / "cardan.yaml")
+    robot = cardan_in(tmp_path)
     plan = plan_crossing(robot, Line([0.3], [0.2]), duration=1.0)
     for t in (0.2, 0.5, 0.8):
         assert power_left(robot, plan, t) < 1e-7

@@ -336,12 +336,7 @@ STAGE = Stage(
             singles(1e-6, 1e-9, 1e-12),
         ),
         _proved(
-            "planned",
-            "ours, law found too",
-            _planned,
-            "path, duration, time, speed",
-            "plans",
-            singles(1),
+            "planned", "ours, law found too", _planned, "path, duration, time, speed", "plans", singles(1)
         ),
         _proved(
             "doubled",

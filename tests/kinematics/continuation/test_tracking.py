@@ -6,12 +6,7 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
 from framework.kinematics.continuation.tracking import follow_path
-from tests.kinematics.continuation.small_steps import (
-    PLACES,
-    draw_path,
-    ends_at_singularity,
-    is_followed,
-)
+from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path

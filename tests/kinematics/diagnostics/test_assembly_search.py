@@ -15,6 +15,7 @@ from framework import Mechanism, NotAssembled, ParallelRobot
 from framework.cli import main
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from tests.kinematics.linkages import ball, frame, joint, linkage
+from tests.oracles.placements import placements
 
 # arms, half rods and the second pivot [m]: a spatial four-bar whose rod is cut in its middle, both halves on
 # balls and welded to each other. At zero the halves stand anywhere, and have to turn to fit each other
@@ -65,9 +66,7 @@ def robot_file(*sides):
 
 def apart(robot, q, first, second):
     """Distance [m] and angle [rad] between two frames."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    one, two = (data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)] for name in (first, second))
+    one, two = placements(robot.model, (first, second), q)
     between = one.actInv(two)
     return np.linalg.norm(between.translation), np.linalg.norm(pin.log3(between.rotation))
 

@@ -127,9 +127,6 @@ def test_what_moves_in_a_singular_pose_alone_is_not_loose(tmp_path):
     assert any("said of a pose beside the reference" in advice for advice in checked.advice)
 
 
-# ------------------------------------------------------------------ platform axes
-
-
 @pytest.mark.parametrize(
     ("axes", "stuck", "proposals"),
     [

@@ -28,6 +28,7 @@ from framework.model.urdf_edits import NewJoint, joint_element, vector_text
 from framework.proofs.working_modes import working_modes
 from robots.generators.gough_stewart import platform_joints
 from tests.model.readers.leg import FILE, ankle, with_thin_rods
+from tests.robots.every_robot import assert_same_torques
 
 # of a ball at the reference from its zero: by more than a right angle
 TURN = pin.exp3(np.array([0.3, 2.0, -0.4]))
@@ -122,9 +123,7 @@ def test_legs_on_balls_spin_idly_and_nothing_is_singular_about_them(hexapods):
 def test_a_hexapod_on_balls_takes_the_torques_of_the_one_on_hinges(hexapods, scene):
     """`turn` crosses a Type 2 singularity; the balls are turned by more than 90 degrees all the way."""
     ours, balls = (plan_scene(robot, scene) for robot in hexapods)
-    times = np.linspace(0.0, ours.duration, 41)
-    peak = np.abs(ours.torque(times)).max()
-    np.testing.assert_allclose(balls.torque(times), ours.torque(times), rtol=0, atol=1e-11 * peak)
+    assert_same_torques(ours, balls, within=1e-11)
     assert balls.certificate.max_closure_error < 1e-12
     assert [c.s for c in balls.crossings] == pytest.approx([c.s for c in ours.crossings], abs=1e-12)
 
@@ -168,10 +167,7 @@ def test_a_platform_that_floats_is_held_by_all_six_legs():
     floating = ParallelRobot.from_description(description)
     of_it = [name for name in floating.coordinates.names if name.startswith("float")]
     assert of_it == [f"float_{axis}" for axis in AXES_OF_ALL]
-    ours, plan = (plan_scene(robot, "tilt") for robot in (home, floating))
-    times = np.linspace(0.0, ours.duration, 21)
-    peak = np.abs(ours.torque(times)).max()
-    np.testing.assert_allclose(plan.torque(times), ours.torque(times), rtol=0, atol=1e-11 * peak)
+    assert_same_torques(*(plan_scene(robot, "tilt") for robot in (home, floating)), within=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -201,9 +197,6 @@ def test_a_coordinate_of_a_ball_has_a_name_of_its_own(tmp_path):
         read_any(file)
 
 
-# ------------------------------------------------------------------ MJCF
-
-
 def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
     """Rods at an odd angle at the zero pose, brought back by a keyframe."""
     quaternion = pin.Quaternion(TURN)
@@ -217,9 +210,7 @@ def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
         plan_crossing(ankle(tmp_path, each), Line([-0.4, -0.2], [0.2, 0.3]), duration=1.0)
         for each in (text, turned.replace("</mujoco>", key))
     ]
-    times = np.linspace(0.0, 1.0, 31)
-    torques = [plan.torque(times) for plan in plans]
-    np.testing.assert_allclose(torques[1], torques[0], rtol=0, atol=1e-11 * np.abs(torques[0]).max())
+    assert_same_torques(*plans, within=1e-11)
     assert all(plan.certificate.max_closure_error < 1e-13 for plan in plans)
 
 

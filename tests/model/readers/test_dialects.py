@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -19,11 +20,14 @@ from framework import (
     dynamics_at,
     locate_singularities,
 )
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
 from framework.model import read_robot_file
 from framework.model.description import CLOSURE_KINDS, Coupling, locked_axes
 from framework.model.readers import DIALECTS, parse_any, read_any
 from framework.model.robot_file_writer import write_robot_file
 from tests.model.readers.leg import ankle
+from tests.oracles.placements import placements
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
@@ -220,12 +224,8 @@ SAID = {"platform": "one", "axes": ["x"], "motors": ["one_joint"]}
 
 def closure_axes_in_base(robot: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Rotations of the two frames of the first closure at zero."""
-    import pinocchio as pin
-
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
-    first, second = robot.rows.first[0], robot.rows.second[0]
-    return tuple(data.oMf[robot.frames[i]].rotation for i in (first, second))
+    one, two = placements(robot.model, robot.description.closures[0].frames)
+    return one.rotation, two.rotation
 
 
 @pytest.mark.parametrize(
@@ -258,8 +258,6 @@ def test_the_axis_of_a_loop_is_z_of_both_its_frames(dialect, kind, axes, tmp_pat
     assert description.closures[0].axes == axes
     robot = Mechanism.from_description(description)
     first, second = closure_axes_in_base(robot)
-    import pinocchio as pin
-
     one = pin.rpy.rpyToMatrix(0.1, 0.2, 0.0) @ pin.rpy.rpyToMatrix(1.0, 0.5, 0.2)
     two = pin.rpy.rpyToMatrix(0.1, 0.2, 0.5)
     unit = axis / np.linalg.norm(axis)
@@ -279,8 +277,6 @@ def test_a_universal_constraint_keeps_its_two_axes_at_right_angles(tmp_path):
     assert robot.rows.names == ("u.x", "u.y", "u.z", "u.rz")
     first, second = closure_axes_in_base(robot)
     row = list(robot.rows.rotation).index(True)
-    import pinocchio as pin
-
     one = pin.rpy.rpyToMatrix(0.1, 0.2, 0.0) @ np.array([1, 1, 0]) / np.sqrt(2)
     two = pin.rpy.rpyToMatrix(0.1, 0.2, 0.5) @ np.array([0, 1, 3]) / np.sqrt(10)
     np.testing.assert_allclose(first[:, robot.rows.first_axis[row]], one, atol=1e-14)
@@ -345,9 +341,6 @@ def test_a_coupling_of_equal_turns_becomes_a_loop_equation(tmp_path):
     description = read_any(file, **SAID)
     assert description.closures[1].axes == ("rz",)
     robot = Mechanism.from_description(description)
-    from framework.kinematics.closures import loop_equations
-    from framework.kinematics.frames import frames_at
-
     row = robot.rows.names.index("c.rz")
     for q, error in (([0.4, 0.4], 0.0), ([0.4, 0.3], np.sin(0.1))):
         residual = loop_equations(robot.rows, frames_at(robot, np.array([q]))).residual[0, row]
@@ -386,14 +379,6 @@ def read_mjcf_text(text: str, tmp_path: Path, **said: object) -> Mechanism:
     return Mechanism.from_description(read_any(file, **{**options, **said}))
 
 
-def placement_of(robot: Mechanism, frame: str, q: np.ndarray) -> np.ndarray:
-    import pinocchio as pin
-
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    return np.array(data.oMf[robot.model.getFrameId(frame)].homogeneous)
-
-
 DRIVEN = '<body name="other"><joint name="j"/></body>'
 
 
@@ -425,12 +410,11 @@ def test_mjcf_joints_of_one_body_follow_each_other_about_their_points(tmp_path):
         @ shift([0, d, 0])
         @ about(np.array([0, 0.2, 0]), x)
     )
-    np.testing.assert_allclose(placement_of(robot, "one", np.array([a, d, b])), expected, atol=1e-15)
+    (at,) = placements(robot.model, ("one",), np.array([a, d, b]))
+    np.testing.assert_allclose(at.homogeneous, expected, atol=1e-15)
 
 
 def test_mjcf_ball_joint_and_keyframe_pose(tmp_path):
-    import pinocchio as pin
-
     quaternion = pin.Quaternion(0.7, 0.1, -0.5, 0.4).normalized()
     text = mjcf(f'<body name="one"><joint name="b" type="ball"/></body>{DRIVEN}').replace(
         "</mujoco>",
@@ -438,16 +422,13 @@ def test_mjcf_ball_joint_and_keyframe_pose(tmp_path):
         "</keyframe></mujoco>",
     )
     robot = read_mjcf_text(text, tmp_path)
-    np.testing.assert_allclose(
-        placement_of(robot, "one", robot.q_near)[:3, :3], quaternion.toRotationMatrix(), atol=1e-15
-    )
+    (at,) = placements(robot.model, ("one",), robot.q_near)
+    np.testing.assert_allclose(at.rotation, quaternion.toRotationMatrix(), atol=1e-15)
 
 
 @pytest.mark.parametrize("joint", ['<freejoint name="f"/>', '<joint name="f" type="free"/>'])
 def test_mjcf_free_bodies_are_where_the_keyframe_has_them(tmp_path, joint):
     """qpos of a free body is its pose in the world, whatever its own pos and quat are."""
-    import pinocchio as pin
-
     start, there = (pin.Quaternion(*q).normalized() for q in ((0.9, 0.2, 0.1, -0.3), (0.7, 0.1, -0.5, 0.4)))
     at, quat = (0.3, -0.2, 0.5), " ".join(map(repr, (start.w, *start.coeffs()[:3].tolist())))
     body = f'<body name="one" pos="1 2 3" quat="{quat}">{joint}<geom size="0.1"/></body>'
@@ -456,9 +437,9 @@ def test_mjcf_free_bodies_are_where_the_keyframe_has_them(tmp_path, joint):
     robot = read_mjcf_text(mjcf(body + DRIVEN).replace("</mujoco>", key), tmp_path)
     assert robot.coordinates.names == ("f_x", "f_y", "f_z", "f_rx", "f_ry", "f_rz", "j")
     for q, place, turn in ((robot.q_near, at, there), (robot.neutral, (1, 2, 3), start)):
-        found = placement_of(robot, "one", q)
-        np.testing.assert_allclose(found[:3, 3], place, atol=1e-15)
-        np.testing.assert_allclose(found[:3, :3], turn.toRotationMatrix(), atol=1e-15)
+        (found,) = placements(robot.model, ("one",), q)
+        np.testing.assert_allclose(found.translation, place, atol=1e-15)
+        np.testing.assert_allclose(found.rotation, turn.toRotationMatrix(), atol=1e-15)
 
 
 def test_mjcf_ankle_with_rods_on_balls_is_that_of_the_catalogue(tmp_path):
@@ -514,19 +495,15 @@ def test_mjcf_weld_holds_the_zero_pose_or_the_given_one(tmp_path):
         '<body name="two" pos="0 1 0" euler="0.3 0 0"><joint name="k"/></body>'
     )
     robot = read_mjcf_text(mjcf(bodies, '<weld name="w" body1="one" body2="two" anchor="0 0 1"/>'), tmp_path)
-    from framework.kinematics.closures import loop_equations
-    from framework.kinematics.frames import frames_at
-
     residual = loop_equations(robot.rows, frames_at(robot, np.zeros((1, 2)))).residual
     np.testing.assert_allclose(residual, np.zeros((1, 6)), atol=1e-15)
     other = read_mjcf_text(
         mjcf(bodies, '<weld body1="one" body2="two" relpose="0.5 0 0 1 0 0 0"/>'), tmp_path
     )
-    one = placement_of(other, "one", np.zeros(2)) @ [0.5, 0, 0, 1]
-    two = placement_of(other, "two", np.zeros(2))[:, 3]
+    one, two = placements(other.model, ("one", "two"), np.zeros(2))
+    gap = two.translation - one.act(np.array([0.5, 0, 0]))
     residual = loop_equations(other.rows, frames_at(other, np.zeros((1, 2)))).residual[0, :3]
-    turn = placement_of(other, "one", np.zeros(2))[:3, :3]
-    np.testing.assert_allclose(residual, turn.T @ (two - one)[:3], atol=1e-15)
+    np.testing.assert_allclose(residual, one.rotation.T @ gap, atol=1e-15)
     glue = '<weld body1="one" body2="two" torquescale="0"/>'
     assert read_mjcf_text(mjcf(bodies, glue), tmp_path).description.closures[0].axes == ("x", "y", "z")
 
@@ -540,7 +517,8 @@ def test_mjcf_joint_equalities_that_are_loops(tmp_path):
     robot = read_mjcf_text(mjcf(bodies, loop + '<joint name="e" joint1="j" joint2="k"/>'), tmp_path)
     assert list(robot.model.names)[1:] == ["j", "k"]
     assert robot.rows.names[-1] == "e.rz"
-    np.testing.assert_allclose(placement_of(robot, "three", np.zeros(2))[:3, 3], [0, 0, 0.2])
+    (three,) = placements(robot.model, ("three",), np.zeros(2))
+    np.testing.assert_allclose(three.translation, [0, 0, 0.2])
 
 
 def test_mjcf_inactive_equalities_are_left_out(tmp_path):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from framework import LoadedJoint, Mechanism, ParallelRobot, RobotFileError, check_robot, simulate
@@ -11,6 +10,7 @@ from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import Closure
 from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import DATA, PLANNED, short_move, without_dry_friction
+from tests.oracles.placements import placements
 
 PLATFORM = {"platform": "head", "axes": ["x", "y", "z", "rx", "ry", "rz"]}
 FILES = pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
@@ -108,12 +108,8 @@ def test_a_ball_with_a_turn_held_stands_as_the_reference_had_it():
         )
         for more in ({}, {"locked": {"passive_1_ry": None}})
     ]
-    rods = []
-    for robot in robots:
-        data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, data, robot.q_near)
-        rods.append(data.oMf[robot.model.getFrameId("rod_1")].homogeneous)
-    np.testing.assert_allclose(rods[1], rods[0], atol=1e-12)
+    (one,), (other,) = (placements(robot.model, ("rod_1",), robot.q_near) for robot in robots)
+    np.testing.assert_allclose(other.homogeneous, one.homogeneous, atol=1e-12)
 
 
 def test_motions_that_nothing_drives_are_refused_with_joints_to_hold(tmp_path):

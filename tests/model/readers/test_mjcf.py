@@ -30,9 +30,6 @@ def read(
     return read_any(file, **{**SAID, **said})
 
 
-# ------------------------------------------------------------------ what acts
-
-
 def test_armature_and_damping_of_motors_act_through_their_gears(tmp_path):
     motor = '<motor joint="j" gear="3" armature="0.5" damping="0.7"/>'
     two = (
@@ -87,9 +84,6 @@ def test_disabled_gravity_is_none(tmp_path):
 def test_higher_powers_and_springs_of_balls_are_named(tmp_path):
     bodies = BODIES.replace('<joint name="j"', '<joint name="j" damping="0.2 0.5"')
     assert read(tmp_path, bodies=bodies).left_out == ("joint 'j' damping: higher powers 0.5 0",)
-
-
-# ------------------------------------------------------------------ equalities
 
 
 @pytest.mark.parametrize(
@@ -149,9 +143,6 @@ def test_an_equality_that_is_always_true_is_dropped(tmp_path):
     assert description.couplings == ()
     assert description.left_out == ()
     assert "k" in Mechanism.from_description(description).coordinates.names
-
-
-# ------------------------------------------------------------------ what cannot be had
 
 
 MESH = '<asset><mesh name="m" file="nowhere.stl"/><texture name="t" type="2d" file="no.png"/></asset>'

@@ -11,6 +11,8 @@ from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import JointDynamics
 from framework.model.readers import parse_any, read_any
 from tests.model.readers.foreign_files import short_move
+from tests.oracles.placements import placements
+from tests.robots.every_robot import assert_same_torques
 
 INERTIAL = (
     "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
@@ -132,18 +134,13 @@ def test_a_negative_damping_is_refused_by_the_name_of_its_joint(tmp_path):
 def test_one_mechanism_in_two_formats_has_one_plan(tmp_path):
     said = {"axes": ["x", "y"], "motors": ["left_motor", "right_motor"], "reference": POSE}
     plans = []
-    for name, text, platform in (
-        ("a.sdf", five_bar(), "tip_1"),
-        ("a.urdf", five_bar_urdf(), "tip_parent"),
-    ):
+    for name, text, platform in (("a.sdf", five_bar(), "tip_1"), ("a.urdf", five_bar_urdf(), "tip_parent")):
         (tmp_path / name).write_text(text)
         robot = ParallelRobot.from_description(read_any(tmp_path / name, platform=platform, **said))
         path = Line([0.1, 0.345], [-0.05, 0.195])
         assert len(locate_singularities(robot, path)) == 1
         plans.append(plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]))
-    t = np.linspace(0.0, 1.5, 41)
-    peak = np.abs(plans[0].torque(t)).max()
-    np.testing.assert_allclose(plans[1].torque(t), plans[0].torque(t), rtol=0, atol=1e-10 * peak)
+    assert_same_torques(*plans, within=1e-10)
 
 
 def read(folder: Path, text: str, **said):
@@ -222,14 +219,9 @@ def test_poses_and_axes_are_relative_to_what_sdformat_says(tmp_path, version, wi
     joint = b * at(0.1, 0, 0, 0, 0.7, 0)
     turned = {"": joint, "a": a, "model": pin.SE3.Identity()}[frames or ""]
     direction = turned.rotation @ np.array([1.0, 2.0, 3.0]) / np.sqrt(14)
+    in_a, in_b = placements(robot.model, ("a", "b"))
+    np.testing.assert_allclose(in_a.actInv(in_b).homogeneous, a.actInv(b).homogeneous, atol=1e-15)
     data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
-    in_a = data.oMf[robot.model.getFrameId("a")]
-    np.testing.assert_allclose(
-        (in_a.inverse() * data.oMf[robot.model.getFrameId("b")]).homogeneous,
-        (a.inverse() * b).homogeneous,
-        atol=1e-15,
-    )
     pin.computeJointJacobians(robot.model, data, pin.neutral(robot.model))
     twist = pin.getFrameJacobian(
         robot.model, data, robot.model.getFrameId("b"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -258,9 +250,8 @@ def test_nested_models_are_included_from_beside_the_file(tmp_path):
     (tmp_path / "w.sdf").write_text(text)
     description = read_any(tmp_path / "w.sdf", platform="left::1", axes=["rz"], motors=["j"])
     robot = Mechanism.from_description(description)
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
-    np.testing.assert_allclose(data.oMf[robot.model.getFrameId("left::1")].translation, [0, 0, 2])
+    (left,) = placements(robot.model, ("left::1",))
+    np.testing.assert_allclose(left.translation, [0, 0, 2])
     assert description.closures[0].axes == ("x", "y", "z")
 
 

@@ -153,9 +153,6 @@ def test_motors_in_a_list_of_closures_are_a_list(tmp_path):
         read(tmp_path, without_loop())
 
 
-# ------------------------------------------------------------------ what does not matter, and what does
-
-
 XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 
@@ -222,9 +219,6 @@ def test_an_impossible_limit_stops_what_moves(tmp_path):
     )  # in no loop, so held
     with pytest.raises(RobotFileError, match="joint 'jd': <limit>"):
         read(tmp_path, fingers(more), motors=["ja", "jd"])
-
-
-# ------------------------------------------------------------------ motors, free bases
 
 
 def with_motors(text: str, *names: str) -> str:

@@ -122,9 +122,6 @@ def _platform_axes(robot: ParallelRobot) -> list[int]:
     return [axes.index(name) for name in names]
 
 
-# ------------------------------------------------------------------ cells
-
-
 def edges_about(crossings: np.ndarray, count: int) -> np.ndarray:
     """Return ends of cells in s, narrower towards both ends and crossings, each in the middle of one."""
     edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)

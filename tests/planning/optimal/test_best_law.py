@@ -6,14 +6,7 @@ from numpy.polynomial.chebyshev import chebval, poly2cheb
 from scipy.integrate import quad
 
 import robots
-from framework import (
-    InvalidInput,
-    Line,
-    locate_singularities,
-    plan_crossing,
-    plan_scene,
-    simulate,
-)
+from framework import InvalidInput, Line, locate_singularities, plan_crossing, plan_scene, simulate
 from framework.laws.law import least_value
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.crossing_points import PathToCross

@@ -24,8 +24,6 @@ from framework.singularity.points_on_path import search_path
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 MASS, LIMIT = 3.0, 2.0
 
-# ------------------------------------------------------------------ motions in closed form
-
 
 def motion(
     monkeypatch,
@@ -127,8 +125,6 @@ def test_viscous_damping_slows(monkeypatch):
     close_below(value, duration, 8e-3)
 
 
-# ------------------------------------------------------------------ integrals with many digits
-
 CROSSING = 0.4
 ALONG = np.array([0.6, -0.8])
 
@@ -218,9 +214,6 @@ def test_units_change_a_bound_as_they_change_what_is_bounded(monkeypatch):
     )
     in_milliseconds = bound_duration(motion(monkeypatch, torque=slow, crossings=(CROSSING,), limit=4.0)).value
     assert in_milliseconds == pytest.approx(1e3 * duration, rel=1e-3)
-
-
-# ------------------------------------------------------------------ robots
 
 
 def task_of(robot, path, **options):

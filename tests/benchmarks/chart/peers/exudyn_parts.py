@@ -124,12 +124,7 @@ class Mechanism:
         self.system.AddLoad(LoadCoordinate(markerNumber=coordinate, loadUserFunction=force_at))
 
     def prepared(
-        self,
-        watched: Body,
-        *,
-        steps: int,
-        duration: float,
-        solver: str = "GeneralizedAlpha",
+        self, watched: Body, *, steps: int, duration: float, solver: str = "GeneralizedAlpha"
     ) -> Callable[[], tuple[Array, Array, float]]:
         """A run from the initial state: times (T,), displacements of the watched body (T, ...), time [s].
 

@@ -24,11 +24,7 @@ SHORT = 2.0  # solref: time constant of the loop, in steps; MuJoCo raises shorte
 
 
 def model_of(
-    robot: FiveBar,
-    *,
-    least_mass: float = NEGLIGIBLE,
-    step: float = 1e-3,
-    integrator: str = "RK4",
+    robot: FiveBar, *, least_mass: float = NEGLIGIBLE, step: float = 1e-3, integrator: str = "RK4"
 ) -> Any:
     """The MuJoCo model (MjModel); joints are named as in the catalogue's robot.
 
