@@ -27,7 +27,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.dynamics.forces import Forces, mass_matrices, motor_torque
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import (
     applied_wrench,
@@ -36,7 +35,7 @@ from framework.kinematics.external_wrenches import (
 )
 from framework.kinematics.frames import move_wrench, rotation_matrices, scratch_of, tree_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, clearance
-from framework.kinematics.motion_rates import Motion, platform_twists
+from framework.kinematics.motion_rates import Motion, motor_speeds, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only

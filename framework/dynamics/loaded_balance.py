@@ -29,17 +29,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.forces import Forces, force_changes, mass_matrices, tree_forces
-from framework.dynamics.platform_wrench import motor_speeds
-from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops
-from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
+from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
-from framework.numerics.ordered_sums import matvec, solve
+from framework.numerics.ordered_sums import factor_transposed, matvec, solve
 from framework.tolerances import EIGENVALUE_ROUNDING
 
 
@@ -260,7 +258,7 @@ def locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
 
     Redundant motors are among them, last: springs let them move against each other.
     """
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     if robot.n_a > robot.n:
         columns = np.append(columns, robot.actuated)
     units = robot.column_scale[columns].copy()

@@ -32,7 +32,6 @@ from framework.dynamics.tangent_stiffness import (
     Load,
     check_wrench,
     evaluate_equilibrium,
-    moving_columns,
     tangent_stiffness,
 )
 from framework.kinematics.continuation.predictor_corrector import CurveEnds, CurveEquations, Curves
@@ -364,11 +363,11 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
         return CurveEquations(jacobian, by_share, F, residuals.linearised)
 
     motors_at_rest = np.zeros((len(start.q), robot.nv))
-    curves = Curves(robot, moving_columns(robot), motors_at_rest, evaluate)
+    curves = Curves(robot, robot.unlocked, motors_at_rest, evaluate)
     return curves.find_turning_points(start.q, start.share)
 
 
 def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:
     """Return configurations (T, nq) after steps (T, f) [rad, robot lengths] of the moving columns."""
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     return integrate_columns(robot, q, columns, step * robot.column_scale[columns])

@@ -38,8 +38,8 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
-from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
@@ -94,18 +94,6 @@ class PlatformWrench(NamedTuple):
         The convex hull of these wrenches is the set that the motors can exert.
         """
         return (sign_combinations(len(torque_limit)) * torque_limit) @ self.motor_speed
-
-
-def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and of all joints for unit twists.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints at some instant (Type 1).
-    """
-    count = len(linearised.residual)
-    unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
-    rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
-    return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
 
 
 def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:

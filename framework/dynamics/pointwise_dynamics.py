@@ -54,7 +54,6 @@ from framework.dynamics.instant import (
     stack_rows,
     stack_wrenches,
 )
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops, require_square
@@ -65,7 +64,13 @@ from framework.kinematics.linearised_loops import (
     find_near_type2,
     type2_matrix,
 )
-from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, require_turns_at_rest
+from framework.kinematics.motion_rates import (
+    Motion,
+    coordinate_changes,
+    motion_at,
+    motor_speeds,
+    require_turns_at_rest,
+)
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import PANEL_NODES, TimeGrid, coefficients, evaluate, tail

@@ -28,20 +28,13 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.forces import mass_matrices
-from framework.dynamics.tangent_stiffness import (
-    Load,
-    check_wrench,
-    evaluate_equilibrium,
-    factor_transposed,
-    moving_columns,
-    tangent_stiffness,
-)
+from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium, tangent_stiffness
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import matmul
+from framework.numerics.ordered_sums import factor_transposed, matmul
 from framework.tolerances import (
     EIGENVALUE_ROUNDING,
     LOOP_GAP,
@@ -56,7 +49,7 @@ MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections 
 class CompliantMotions(NamedTuple):
     """The motions that springs and loops allow at T configurations with locked motors."""
 
-    Z: Array  # (T, f, d) rates of `moving_columns`; orthonormal if lengths are counted in robot lengths
+    Z: Array  # (T, f, d) rates of unlocked joints; orthonormal if lengths are counted in robot lengths
     X: Array  # (T, n, d) twists of the platform on its axes
     K: Array  # (T, d, d) stiffness of the springs alone
     M: Array  # (T, d, d) mass of all bodies; rotors rest
@@ -78,7 +71,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
         InvalidInput: a robot without springs.
     """
     require_springs(robot)
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     _Q, _R, null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])
     Z = null * robot.column_scale[columns][:, None]
     stiffness = robot.all_stiffness[columns]
@@ -205,7 +198,7 @@ def platform_stiffness(
     # modes in the motions Z, then as rates of all joints
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.nv))
-    modes[:, moving_columns(robot)] = shapes @ free.Z[0].T
+    modes[:, robot.unlocked] = shapes @ free.Z[0].T
     stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
         robot=robot,
@@ -236,7 +229,7 @@ def _find_equilibrium(
         InvalidInput: the wrench has no potential.
         NotConverged: there is no equilibrium near q, or only one with deflections beyond MAX_DEFLECTION.
     """
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     lengths = robot.column_scale[columns]
     load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
     step_size = np.inf  # [rad, robot lengths] largest entry of the last step

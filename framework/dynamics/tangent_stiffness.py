@@ -24,7 +24,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, IntArray
-from framework.numerics.ordered_sums import matmul, matvec, solve
+from framework.numerics.ordered_sums import factor_transposed, matmul, matvec, solve
 
 
 class Load(NamedTuple):
@@ -70,11 +70,6 @@ def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
     return w
 
 
-def moving_columns(robot: ParallelRobot) -> IntArray:
-    """Return the velocity indices (f,) of joints that move with locked motors: elastic, then passive."""
-    return np.concatenate([robot.elastic, robot.following])
-
-
 def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> EquilibriumResiduals:
     """Compute the residuals of equilibrium at configurations q (T, nq), with loops open or closed.
 
@@ -85,7 +80,7 @@ def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> Equilibr
     Args:
         load: weight and wrench on each configuration, with the share of both that acts.
     """
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
@@ -123,7 +118,7 @@ def tangent_stiffness(
     Args:
         steps: columns are p steps [rad, m] of the joints that move with locked motors.
     """
-    columns = moving_columns(robot)
+    columns = robot.unlocked
     J = scaled_loops(robot, linearised)[:, :, columns]
     forces, _forces_by_share = _forces(robot, linearised, q, load)
     scaled_forces = forces[:, columns] * robot.column_scale[columns]
@@ -164,7 +159,7 @@ def _curvature(
     frames = linearised.frames
     platform = robot.platform
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
-    motions[:, :, moving_columns(robot)] = steps.swapaxes(1, 2)
+    motions[:, :, robot.unlocked] = steps.swapaxes(1, 2)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     changes = loop_force_changes(robot, robot.loops, frames, wrenches, multipliers, motions)
     if isinstance(platform, FramePlatform):
@@ -173,17 +168,6 @@ def _curvature(
         changes += matmul(motions, wrench_slope(robot, frames.screws, applied).swapaxes(1, 2))
     curvature = matmul(changes, motions.swapaxes(1, 2))
     return 0.5 * (curvature + curvature.swapaxes(1, 2))
-
-
-def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
-    """Factor the transposed Jacobian J' = Q R of J (T, m, f).
-
-    Returns:
-        Q (T, f, m), R (T, m, m), and an orthonormal basis (T, f, f - m) of the null space of J.
-    """
-    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
-    count = J.shape[1]
-    return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:

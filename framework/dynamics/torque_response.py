@@ -33,12 +33,11 @@ from framework.dynamics.loaded_balance import (
     spring_units,
 )
 from framework.dynamics.restoration import BalanceSolution
-from framework.dynamics.tangent_stiffness import factor_transposed
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import solve
+from framework.numerics.ordered_sums import factor_transposed, solve
 
 
 class TorqueResponse(NamedTuple):

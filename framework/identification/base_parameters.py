@@ -30,7 +30,6 @@ from framework.dynamics.body_parameters import (
     tree_regressor,
 )
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.identification.combinations import (
     Combinations,
@@ -42,7 +41,7 @@ from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import clearance, linearised_at
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription

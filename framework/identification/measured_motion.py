@@ -16,14 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.identification.recording import Recording, uniform_period
 from framework.kinematics.continuation.forward_kinematics import follow_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
-from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at
+from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import whole_turns

@@ -78,6 +78,18 @@ def joint_rates(
     return solve_rates(robot, linearised, right, elastic)
 
 
+def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and of all joints for unit twists.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
+    """
+    count = len(linearised.residual)
+    unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
+    rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
+    return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
+
+
 def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array | None = None
 ) -> Array:

@@ -125,6 +125,11 @@ class ParallelRobot(Mechanism):
         """Columns (n_p,) of the passive joints without the idle ones."""
         return read_only(self.moving[self.n_a :])
 
+    @cached_property
+    def unlocked(self) -> IntArray:
+        """Columns (f,) of the joints that move with locked motors: elastic, then `following`."""
+        return read_only(np.concatenate([self.elastic, self.following]))
+
     @property
     def translations(self) -> BoolArray:
         """Whether each platform coordinate is a translation [m], (n,); the others are turns [rad]."""

@@ -101,6 +101,17 @@ def cross(a: Array, b: Array) -> Array:
     return np.cross(a, b)
 
 
+def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
+    """Factor the transposed Jacobian J' = Q R of J (T, m, f).
+
+    Returns:
+        Q (T, f, m), R (T, m, m), and an orthonormal basis (T, f, f - m) of the null space of J.
+    """
+    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
+    count = J.shape[1]
+    return Q[:, :, :count], R[:, :count], Q[:, :, count:]
+
+
 def split_row_space(
     matrix: Array, level: float, *, scale: tuple[float, float] = (0.0, np.inf), at_least: int = 0
 ) -> tuple[Array, Array]:

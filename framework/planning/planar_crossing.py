@@ -17,11 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.forces import inertial_forces, static_forces
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.motion_rates import motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import Path

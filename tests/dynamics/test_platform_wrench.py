@@ -5,8 +5,9 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.dynamics.platform_wrench import hold_at, motor_speeds, platform_wrench
+from framework.dynamics.platform_wrench import hold_at, platform_wrench
 from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.motion_rates import motor_speeds
 from framework.singularity.jogging import describe_jogged_pose, move_platform
 
 

@@ -11,8 +11,8 @@ from scipy.linalg import null_space
 import robots
 from framework import CrossingPlan, plan_crossing, plan_scene
 from framework.dynamics.balance_equations import BalanceEquations
-from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.restoration import deflections_of
+from framework.kinematics.motion_rates import motor_speeds
 from framework.laws.optimal_law import OnParameter
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import MAX_END_RATE
