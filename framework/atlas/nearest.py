@@ -241,8 +241,8 @@ def _nearest_singular(
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
-    its sign by a jump to another branch. The foot points are sought from the nearest `max_starts` sign changes
-    on the segments `crossed`. `reach` is in robot lengths and rad.
+    its sign by a jump to another branch. The foot points are sought from the nearest `max_starts` sign
+    changes on the segments `crossed`. `reach` is in robot lengths and rad.
     """
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
