@@ -57,7 +57,6 @@ from framework.tolerances import (
 
 # shares of z by which a law may differ from that about which torques are linear; the next one after a failure
 TRUSTED_SHARES = (np.inf, 0.3, 0.1)
-SAME_LAW = 1e-3  # difference of squared speeds over the largest; below, motions fail for the same reason
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
@@ -261,8 +260,8 @@ class _ElasticSearch:
     def _find_motion(self) -> OptimalMotion:
         """Find the next law and certify its motion; return the best motion if the law costs no less."""
         best = self._find_law()
-        if self.first_failure is not None and _is_same_law(best, self.last_law):
-            raise self.first_failure  # this stage asked for no more than the last one, which failed
+        if self.first_failure is not None and self._repeats_last_law(best):
+            raise self.first_failure
         self.last_law = best
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
@@ -273,6 +272,17 @@ class _ElasticSearch:
             law, dynamics = self._balance_law(law)
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
+
+    def _repeats_last_law(self, best: Best) -> bool:
+        """Return whether a law is that of the last stage, whose motion failed.
+
+        It is if the stages differ in the share alone, and the smoothest law needs no larger share.
+        """
+        stage = self.stages[self.stage]
+        last_stage = self.stages[self.stage - 1]
+        if self.last_law is None or stage._replace(share=last_stage.share) != last_stage:
+            return False
+        return abs(best.cost / self.last_law.cost - 1.0) < PEAK_TORQUE_MISMATCH
 
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
         """Find the law in balance nearest to `law`, and its certified motion.
@@ -402,14 +412,6 @@ class _ElasticSearch:
                 return  # else the linear torques are right, and limits are exceeded between the points
         scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
         self.next_task = self.next_task._replace(specification=scaled)
-
-
-def _is_same_law(law: Best, other: Best | None) -> bool:
-    """Return whether the squared speeds of two laws differ by less than SAME_LAW of the largest."""
-    if other is None or len(law.speed.y) != len(other.speed.y):
-        return False
-    y = law.speed.y
-    return bool(np.abs(y - other.speed.y).max() < SAME_LAW * np.abs(y).max())
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:
