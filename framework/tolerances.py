@@ -398,7 +398,7 @@ PEAK_TORQUE_MISMATCH = 2e-3
 """Difference of the peak that an optimal program has from that of its resolved motion, over the former.
 
 At 2e-2 an elastic robot's law settles before its deflections do, and costs up to that more; measured: at 2e-4
-that of a biglide does not settle.
+that of a biglide does not settle. Costs of laws that differ by less count as equal.
 """
 
 # ------------------------------------------------------------------ torques

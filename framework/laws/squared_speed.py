@@ -214,7 +214,8 @@ def slowness_on_panels(
         cells: edges (k + 1,) of cells in xi.
         z_series: Chebyshev coefficients (k, size) of z on each cell.
         stretch: the map from sigma to xi.
-        edges: (p + 1,) of the first panels, from 0 to 1, such as those of a similar z; by default few.
+        edges: (p + 1,) of the first panels, from 0 to 1, such as those of a similar z; by default the
+            cells, or four panels for a single series.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
@@ -322,8 +323,9 @@ class SpeedSpace(NamedTuple):
         matrix = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
         edges = None  # of the panels of the last step
         for _ in range(max_steps):
-            # slopes (c, size) and values (c,) of all equations; the last may be T(y) - duration = 0
-            slopes, values = matrix, equalities(y)
+            # the equations with slopes (c, size) and values (c,); the last may be T(y) - duration = 0
+            slopes = matrix
+            values = equalities(y)
             if duration is not None:
                 linear = self._linearise_duration(y, edges)
                 edges = linear.edges

@@ -162,6 +162,9 @@ def _search_smooth(
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
             smooth = search.find_smooth(similar)
+            is_least_known = search.program is program_of_least
+            if isinstance(smooth, NoneFound) and is_least_known and similar is not None:
+                smooth = search.find_smooth()
             if isinstance(smooth, Speed):
                 # keep the law; add rows where it exceeds limits between the points
                 best = _make_best(search, smooth)
@@ -171,12 +174,9 @@ def _search_smooth(
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            # no smooth law: begin without the similar law, or solve for the least cost again
-            if search.program is program_of_least and similar is None:
+            # no smooth law: solve for the least cost again
+            if is_least_known:
                 return best or smooth
-            if search.program is program_of_least:
-                similar = None
-                continue
             least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
             if isinstance(least, NoneFound):
                 return best or smooth

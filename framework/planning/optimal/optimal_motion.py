@@ -180,6 +180,7 @@ class _ElasticSearch:
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     failures: number of failures since there is a best motion.
     last_law: the last law found, from which the next search resumes.
+    last_stage: the stage of that law.
     balance: the balance of the last motion at this stage; None if `resolve` finds the deflections.
     response: the response of the torques to the law, about that motion.
     speed_places: s of the crossings of that motion, where the required speeds, if any, must hold.
@@ -196,6 +197,7 @@ class _ElasticSearch:
     share: float | None = None
     failures: int = 0
     last_law: Best | None = None
+    last_stage: ElasticStage | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
     speed_places: list[float] | None = None
@@ -260,9 +262,10 @@ class _ElasticSearch:
     def _find_motion(self) -> OptimalMotion:
         """Find the next law and certify its motion; return the best motion if the law costs no less."""
         best = self._find_law()
-        if self.first_failure is not None and self._repeats_last_law(best):
+        stage = self.stages[self.stage]
+        if self.first_failure is not None and self._repeats_last_law(best, stage):
             raise self.first_failure
-        self.last_law = best
+        self.last_law, self.last_stage = best, stage
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
         law = best.law
@@ -273,14 +276,14 @@ class _ElasticSearch:
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
 
-    def _repeats_last_law(self, best: Best) -> bool:
-        """Return whether a law is that of the last stage, whose motion failed.
+    def _repeats_last_law(self, best: Best, stage: ElasticStage) -> bool:
+        """Return whether a stage's law is the last law once more, whose motion failed.
 
-        It is if the stages differ in the share alone, and the smoothest law needs no larger share.
+        A stage may differ from that of the last law in the share alone. If both laws cost the same, up to
+        PEAK_TORQUE_MISMATCH, the smoothest law needs no larger share.
         """
-        stage = self.stages[self.stage]
-        last_stage = self.stages[self.stage - 1]
-        if self.last_law is None or stage._replace(share=last_stage.share) != last_stage:
+        last = self.last_stage
+        if self.last_law is None or last is None or stage._replace(share=last.share) != last:
             return False
         return abs(best.cost / self.last_law.cost - 1.0) < PEAK_TORQUE_MISMATCH
 

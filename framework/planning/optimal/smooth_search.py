@@ -138,11 +138,12 @@ class SmoothSearch(NamedTuple):
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
-        """Solve with the highest feasible lower bound of z; return the law and this floor [1/s^2].
+        """Solve with a lower bound of z; return the law and this floor [1/s^2].
 
-        The floors SQUARED_SPEED_FLOORS are tried in turn, in units of 1 / longest duration^2. With a similar
-        law only the floor next to its own is tried: higher ones had no solution, and if this one has none,
-        a new search without the similar law tries them all.
+        The floors SQUARED_SPEED_FLOORS are tried in turn, the highest first, in units of
+        1 / longest duration^2. With a similar law that has a floor, only the one nearest to its own is tried;
+        if it has no solution, callers search again without the similar law. A series whose z dips below zero
+        between the points ends the search: above a lower floor it would dip deeper.
 
         Args:
             bounds: bounds of duration, peak and energy.
@@ -160,7 +161,7 @@ class SmoothSearch(NamedTuple):
                 status = law.status
             elif np.isfinite(law.duration):
                 return law, floor
-            else:  # z of a series dips below zero between the points; a lower floor lets it dip deeper
+            else:
                 return NoneFound(self.program, "z is not positive"), 0.0
         return NoneFound(self.program, status), 0.0
 

@@ -347,9 +347,9 @@ class SpeedProgram:
         """Return the row T_lin(z) - duration, which must not be negative.
 
         T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2):
-        T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z, by the fine quadrature, as in
-        `evaluate_speed`: by that quadrature, T(z) >= T_lin(z) holds exactly. The row is in units of
-        `units.time`.
+        T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. Both T, as `evaluate_speed` computes it, and
+        T_lin are integrated by the fine quadrature, so that T(z) >= T_lin(z) holds but for rounding. The row
+        is in units of `units.time`.
 
         Args:
             y: coefficients (n,) of z_0 [1/s^2].
