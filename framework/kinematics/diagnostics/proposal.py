@@ -101,7 +101,7 @@ def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
 
 
 def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialRobot:
-    """Complete the description with platform, motors and reference, without holding more joints.
+    """Complete the description with platform, motors and reference; lock no joints.
 
     At a singular reference a pose beside it is taken. If nothing can be proposed at the file's pose, and this
     pose exceeds joint limits, a pose within the limits is tried.
