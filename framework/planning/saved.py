@@ -485,11 +485,11 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
         InvalidInput: a value of the file differs by more than rounding.
     """
     if isinstance(computed, Mapping):
-        known = stated if isinstance(stated, Mapping) else {}
+        stated_parts = stated if isinstance(stated, Mapping) else {}
         sizes = size or {}
         for name, part in computed.items():
             # "nothing" stands for a missing value in the message
-            _check_value(below(key, name), known.get(name, "nothing"), part, sizes.get(name))
+            _check_value(below(key, name), stated_parts.get(name, "nothing"), part, sizes.get(name))
         return
     if isinstance(computed, list) and all(isinstance(part, Mapping) for part in computed):
         for k, (entry, part) in enumerate(zip(stated, computed, strict=False)):

@@ -198,7 +198,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
 
 def _is_platform_away(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
-    """Return whether the platform in `frames` (of one pose) is away from coordinates x (n,)."""
+    """Return whether the platform in `frames` (of one pose) is away from that at coordinates x (n,)."""
     offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
     return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
 
