@@ -157,7 +157,8 @@ def _step_once(
     # predict
     linearised = linearised_at(robot, q, start)
     # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one
-    # twist at the start and another one at the end. `twist` also returns a derivative, which is not used.
+    # twist at the start and another one at the end. The one at the end gives the tangent there, by which
+    # steps are accepted. `twist` also returns a derivative, which is not used.
     start_twist, _ = robot.platform.twist(start, end - start)
     end_twist, _ = robot.platform.twist(end, end - start)
     # (T, nv) step along the tangent, springs at rest
@@ -169,7 +170,7 @@ def _step_once(
         robot, end, predicted, iterations=newton_steps, farthest=MAX_NEWTON_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    closed_steps = np.flatnonzero(closed)
+    closed_steps = np.flatnonzero(closed)  # those not accepted below keep OTHER_MODE
     accepted = _accept_steps(
         robot,
         linearised.select(closed_steps),

@@ -197,8 +197,8 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
     """Run one study for each controller, in several processes."""
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
-    chunk = None if options.dask else -(-options.runs // options.workers)
-    count = options.progress.start("simulating", options.runs * len(controllers), "runs")
+    chunk = None if options.dask else -(-options.runs // options.workers)  # runs per process, rounded up
+    report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
             study = run_study(
@@ -211,7 +211,8 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
                 executor=executor,
                 chunk=chunk,
                 keeper=stores.get(name),
-                progress=lambda done: count(len(studies) * options.runs + done),
+                # runs of earlier studies count, too
+                progress=lambda done: report_runs(len(studies) * options.runs + done),
             )
             studies.append(study)
     return studies

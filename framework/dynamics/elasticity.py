@@ -86,7 +86,7 @@ def solve_deflections(
     """Solve for deflections and forces at the nodes of the grid.
 
     Args:
-        choose_law: function of the deflections and of the last pass's law that returns the law of a pass.
+        choose_law: function of the deflections and of the last pass's law that returns the next pass's law.
         geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
             iterates until the deflections settle.
         first_law: the law for springs at rest, from which the iteration begins.
@@ -106,7 +106,7 @@ def solve_deflections(
     _check_stiffness(robot, grid, current)
     if not is_fine(current):
         solution = _solution_of_pass(robot, grid, current, at_rest)
-        return replace(solution, change=np.inf)
+        return replace(solution, change=np.inf)  # not converged on this grid, so that a finer one is tried
     return _iterate_passes(branch, grid, choose_law, tolerance, current)
 
 

@@ -199,16 +199,16 @@ def _solve_softer(equations: BalanceEquations, solved: BalanceState, stiffer: fl
     return state if state.misfit <= MAX_UNRESOLVED_MISFIT else None
 
 
-def _no_balance(equations: BalanceEquations, which_springs: str, residual: float) -> NotConverged:
+def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: float) -> NotConverged:
     """Return the error that no deflections in balance are found.
 
     Args:
-        which_springs: clause that says with which springs they are found.
+        stiffer_springs: clause on the outcome with stiffer springs, such as "springs 32 times as stiff do".
         residual: |F| over the largest load, of the robot's own springs.
     """
     return NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; {which_springs}; use stiffer springs, geometry rigid, or another law",
+        f"tried or one near it; {stiffer_springs}; use stiffer springs, geometry rigid, or another law",
         residual=residual,
     )
 

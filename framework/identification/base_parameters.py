@@ -343,7 +343,7 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     # a link is a frame of the kind BODY; find those of each body
     frames: list[pin.Frame] = []
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
-    for body, joint in enumerate(parameters.bodies.tolist()):
+    for body, joint in enumerate(parameters.bodies.tolist()):  # pinocchio's joint that carries the body
         for frame in robot.model.frames:
             if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
                 frames.append(frame)

@@ -444,9 +444,10 @@ def _balancing_scale(parameters: Array) -> Array:
     """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
 
     P is the pseudo-inertia (4, 4) of a link's parameters (10,). Its diagonal holds three second moments and
-    the mass.
+    the mass. Rounding in D P D is then relative to 1, whatever the units and the link.
     """
     diagonal = np.diag(pseudo_inertia(parameters))
-    # all moments of a point mass at the origin are zero: then they get the scale of the mass
-    largest = diagonal[:3].max() or diagonal[3]
+    largest = diagonal[:3].max()
+    if largest == 0.0:  # a point mass at the origin has no moments: they get the scale of the mass
+        largest = diagonal[3]
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))

@@ -199,10 +199,13 @@ class TwoAngles(DirectionChart):
         return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
     def coordinates(self, rotation: Array) -> Array:
-        """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
+        """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c.
+
+        `axes` are the indices of a and b, `frame_axis` is that of c; a x b = h c with the `handedness` h.
+        """
         u = rotation[:, :, self.frame_axis]
         along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T  # (T,) each
-        # u = h sin x_2 a + cos x_2 (cos x_1 c - h sin x_1 b), with the handedness h and cos x_2 >= 0
+        # u = h sin x_2 a + cos x_2 (cos x_1 c - h sin x_1 b), with cos x_2 >= 0
         first = np.arctan2(-self.handedness * along_b, along_c)
         second = np.arctan2(self.handedness * along_a, np.hypot(along_b, along_c))
         return np.stack([first, second], axis=1)
@@ -211,8 +214,9 @@ class TwoAngles(DirectionChart):
         """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
         u = R c (T, 3) is the direction of the frame's third axis, and u' = `du` its rate; primes are time
-        derivatives. q = u - (a . u) a is the part of u normal to the first axis a, and h the `handedness`.
-        With p = q / q^2 and the rate g = p . q' of log |q|, the couples and their rates are
+        derivatives. q = u - (a . u) a is the part of u normal to the first axis a, and a x b = h c with the
+        `handedness` h = +-1. With p = q / q^2, which has the direction of q and the length 1 / |q|, and the
+        rate g = p . q' of log |q|, the couples and their rates are
 
             a - (a . u) p             rate  -(a . u') p - (a . u) p',    p' = q' / q^2 - 2 g p
             b = h u x a / |q|         rate  h u' x a / |q| - g b

@@ -271,6 +271,7 @@ class JointPlatform(_Coordinates):
 
     def wrenches(self, frames: FrameStack) -> Array:
         """Compute the unit wrenches (T, n, 6): couples about hinges and forces along slides."""
+        # as a wrench the screw (d, 0) of a slide is a force along d; a hinge's (v, w) becomes the couple w
         wrenches = frames.screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches

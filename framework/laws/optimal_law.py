@@ -304,6 +304,7 @@ def _check_cells(law: OptimalLaw) -> None:
     if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
         raise InvalidInput("law: cells must ascend from -1 to 1")
     spline_count = len(cells) - 1 + SPLINE_DEGREE
+    # on a single cell z is one series, with any number of coefficients
     if not count or (len(cells) > 2 and count != spline_count):
         raise InvalidInput(f"law: {len(cells) - 1} cells need {spline_count} coefficients, got {count}")
 

@@ -229,7 +229,7 @@ def check_parts(element: Element, where: str, children: Collection[str], attribu
         if tags.count(tag) > 1:
             raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
-        if nearest(attribute, attributes):
+        if nearest(attribute, attributes):  # valid, which `check_name` accepts, or similar to a valid one
             check_name(where, "attribute", attribute, attributes)
 
 

@@ -88,6 +88,8 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 def _read_solid(description: RobotDescription, geometry: Element) -> Solid:
     """Read the first known shape of a `<geometry>`: kind, sizes [m], vertices and faces.
 
+    A mesh has no sizes; the other shapes have neither vertices nor faces, None.
+
     Raises:
         ValueError: no shape is known, or a size is malformed or not positive.
     """
@@ -96,11 +98,12 @@ def _read_solid(description: RobotDescription, geometry: Element) -> Solid:
             return "mesh", (), *_load_mesh(description, shape)
         if shape.tag in SIZES_OF_SHAPES:
             sizes: tuple[float, ...] = ()
-            for key in SIZES_OF_SHAPES[shape.tag]:
+            for key in SIZES_OF_SHAPES[shape.tag]:  # `size`, of a box, lists three edges
                 sizes += parse_numbers(key, shape.get(key), 3 if key == "size" else 1)
             if min(sizes) <= 0:
                 raise ValueError("no size")
-            return shape.tag.replace("capsule", "cylinder"), sizes, None, None  # drawn without its ends
+            # a capsule is drawn without its round ends
+            return shape.tag.replace("capsule", "cylinder"), sizes, None, None
     raise ValueError("no known shape")
 
 

@@ -74,19 +74,19 @@ class Band(ReadOnlyArrays):
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
         """Make the band of matrices (size, size) with entries at (row, column), (E,) each."""
-        # rows 0 .. size - 1 and columns size .. 2 size - 1 in the order of the band
+        # rows, numbered 0 .. size - 1, and columns, numbered size .. 2 size - 1, in the order of the band
         order = np.arange(2 * size) if size <= MAX_DENSE else _order_by_bandwidth(row, column, size)
         row_order = order[order < size]
         column_order = order[order >= size] - size
-        row_position = np.argsort(row_order)
+        row_position = np.argsort(row_order)  # inverse permutation
         column_position = np.argsort(column_order)
 
         i = row_position[row]  # row of each entry in the band
         j = column_position[column]
         lower = int(np.max(i - j, initial=0))
         upper = int(np.max(j - i, initial=0))
-        # LAPACK stores entry (i, j) in column j of the band at row lower + upper + i - j. The first `lower`
-        # rows are space for pivoting.
+        # LAPACK stores entry (i, j) in column j of the band at row lower + upper + i - j of its
+        # 2 lower + upper + 1 rows, column by column. The first `lower` rows are space for pivoting.
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
             size=size,

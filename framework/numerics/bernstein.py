@@ -56,7 +56,8 @@ def fit_bernstein(
     two coefficients, which bound those that are not computed, see `Bernstein`; and rounding.
     """
     count, _, *shape = values.shape
-    polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes
+    polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # (node, j) T_j at the nodes
+    # the interpolating series: polynomials @ series = values
     series = np.linalg.inv(polynomials) @ values.reshape(count, NODES, -1)  # (k, NODES, all components)
     largest = np.abs(series).max(axis=1)
     truncated = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)

@@ -137,7 +137,7 @@ def _objective(program: ConeProgram) -> tuple[Any, Array]:
         q[program.columns[name]] += cost
     if program.square is None:
         return sparse.csc_array((len(q), len(q))), q
-    R, r = _interleave(program, [[program.square]])
+    R, r = _interleave(program, [[program.square]])  # one group of one member: its matrix and offset
     return sparse.csc_array(sparse.triu(2.0 * R.T @ R)), q + 2.0 * R.T @ r
 
 

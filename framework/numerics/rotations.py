@@ -12,10 +12,9 @@ from framework.numerics.ordered_sums import dot
 
 
 def _series(offset: int, order: int) -> list[float]:
-    """Return 12 coefficients of the power series sum_j (-y)^j / (2 j + offset)!, or of its derivative.
+    """Return 12 coefficients of the derivative of this order of sum_j (-y)^j / (2 j + offset)!.
 
-    The coefficients of the derivative of this order in y begin with the term j = order, the first that does
-    not vanish.
+    Entry i is the coefficient of y^i. It comes from the term j = i + order: lower terms vanish.
     """
     return [(-1.0) ** j * perm(j, order) / factorial(2 * j + offset) for j in range(order, order + 12)]
 

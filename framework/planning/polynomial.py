@@ -407,8 +407,9 @@ def _score_laws(
 ) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
-    The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
-    reciprocal of their peak |s"|. Impossible times or speeds score negative infinity.
+    The score is the advance of the law, its `Law.least_speed_ratio`. A law that reaches COMFORTABLE_ADVANCE
+    scores this value plus the reciprocal of its dimensionless peak |s"|, so that gentler laws win.
+    Impossible times or speeds score negative infinity.
 
     Args:
         duration: of the laws [s].

@@ -135,7 +135,7 @@ class Request(PlanOptions):
 
     @property
     def bounded(self) -> bool:
-        """Whether the request states limits, a bound of the duration or a goal."""
+        """Whether motor limits, a margin, a longest duration or a goal are stated."""
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 

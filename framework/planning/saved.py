@@ -478,21 +478,24 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
         key: of the value in the whole document, such as `crossings[0].condition`.
         stated: the value in the file.
         computed: the value computed anew.
-        size: of a number; in a mapping, the size of each part by its key; None without one.
+        size: of a number; in a mapping, or in all mappings of a list, the size of each part by its key; None
+            without one.
 
     Raises:
-        InvalidInput: as `_check_plan`.
+        InvalidInput: a value of the file differs by more than rounding.
     """
     if isinstance(computed, Mapping):
-        known = stated if isinstance(stated, Mapping) else {}
+        stated_parts = stated if isinstance(stated, Mapping) else {}
         sizes = size or {}
         for name, part in computed.items():
-            _check_value(below(key, name), known.get(name, "nothing"), part, sizes.get(name))
+            # "nothing" stands for a missing value in the message
+            _check_value(below(key, name), stated_parts.get(name, "nothing"), part, sizes.get(name))
         return
     if isinstance(computed, list) and all(isinstance(part, Mapping) for part in computed):
         for k, (entry, part) in enumerate(zip(stated, computed, strict=False)):
             _check_value(f"{key}[{k}]", entry, part, size)
-        stated, computed, size = len(stated), len(computed), None
+        _check_value(key, len(stated), len(computed), None)
+        return
     if not _values_agree(stated, computed, size):
         raise InvalidInput(
             f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "

@@ -184,7 +184,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     modes = list[AssemblyMode]()
     for pose in candidates:
         frames = frames_at(robot, pose[None])
-        is_new = all(_are_poses_distinct(robot, frames, mode.x) for mode in modes)
+        is_new = all(_is_platform_away(robot, frames, mode.x) for mode in modes)
         if is_new and find_flipped_closure(robot, frames) is None:
             x = _platform_coordinates(robot, frames)
             modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
@@ -197,8 +197,8 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     return AssemblyModes(tuple(modes), status, bound=None, count=None, method=method)
 
 
-def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
-    """Return whether the platform in `frames` (of one pose) is away from coordinates x (n,)."""
+def _is_platform_away(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
+    """Return whether the platform in `frames` (of one pose) is away from that at coordinates x (n,)."""
     offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
     return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
 

@@ -86,11 +86,11 @@ class DerivativeBounds:
                 f"{excluded[0]}"
             )
         # Rounding of positions grows with the largest length [robot lengths]: all links in one line, all
-        # slides extended, and one robot length to spare.
+        # slides extended by at least one robot length, and one more to spare.
         max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         equations = robot.n + len(robot.loops.names)
-        linear = np.zeros((equations, len(robot.moving)))  # 1 where a platform coordinate is a joint
+        linear = np.zeros((equations, len(robot.moving)))  # 1 where the row's coordinate is the joint
         if isinstance(robot.platform, JointPlatform):
             linear[: robot.n] = robot.moving == robot.platform.columns[:, None]
         return DerivativeBounds(
@@ -99,7 +99,7 @@ class DerivativeBounds:
             unknowns=robot.moving,
             terms=collect_terms(robot),
             linear=linear,
-            constants=np.append(np.zeros(robot.n), robot.loops.constant),
+            constants=np.append(np.zeros(robot.n), robot.loops.constant),  # none in platform equations
             row_scale=1.0 / equation_sizes(robot),
             rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )

@@ -384,7 +384,7 @@ def _run_endgame(
     After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. If the size behaves as s^-w,
     a segment has the exponent w = -(change of log size) / log(ratio). The exponents of successive segments
     distinguish infinity (the same w > 0) from a finite end (w = 0). A path with a finite end is tracked to
-    it, unless it has arrived before.
+    it, unless it has arrived before. Paths that are lost or stay undecided keep their flags in `ends`.
 
     Args:
         line: coefficients (K, M) of the start system and of the target system.
@@ -409,12 +409,12 @@ def _run_endgame(
         if segment < agreeing:
             continue
 
-        # classify: changes (A, S) over the last A = `agreeing` segments, and the exponents w (A, S)
+        # classify: changes (A, S) of log size over the last A = `agreeing` segments, and exponents w (A, S)
         changes = np.diff(log_sizes[-agreeing - 1 :], axis=0)
-        w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
-        is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
-        is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
-        live &= ~(is_infinite | is_finite)
+        exponents = changes / -np.log(ENDGAME_SEGMENT_RATIO)
+        is_infinite = live & _goes_to_infinity(exponents, log_sizes[-1])
+        is_finite = live & (np.abs(exponents).max(axis=0) < ENDGAME_MIN_EXPONENT)
+        live &= ~(is_infinite | is_finite)  # the undecided go on
         ends.infinite[is_infinite] = True
 
         # track paths with a finite end to it; at a multiple solution they do not arrive

@@ -233,7 +233,7 @@ def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q:
     nearest = width * cubes.nearest_points()
     neighbour = cubes.inward_neighbours()
     joints = _continue_joints(test, cells, nearest)
-    points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero
+    points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero, with radii of joint boxes
     # a cube without a neighbour (-1) does not agree, although it is compared with the last cube
     agree = points.proved & (neighbour >= 0)
     for sharing_cells in (cells, select(cells, neighbour)):

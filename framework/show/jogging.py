@@ -65,7 +65,9 @@ def hand_document(robot: ParallelRobot) -> Document:
             "no_figure": why_no_figure(robot) if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
             "poses": encode_floats(poses),
-            "locus": encode_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
+            "locus": encode_locus(
+                robot, locus_curves(robot, reference.q, reference.x), platform, max_distance=1.2
+            ),
             "free_motors": motors_are_free(robot),
             "sliders": _sliders(robot, start),
             "start": _pose_document(robot, start),

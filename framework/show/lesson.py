@@ -91,9 +91,9 @@ def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
     N is the first of NODE_COUNTS with which all series are resolved.
     """
     for count in NODE_COUNTS:
-        samples = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
+        samples = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)  # arrays (N, ...)
         series = {key: coefficients(values.reshape(count, -1)) for key, values in samples.items()}
-        if max(map(tail, series.values())) < SERIES_TAIL:
+        if max(map(tail, series.values())) < SERIES_TAIL:  # relative size of the last coefficients
             return series
     raise NoAnswer(f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson")
 

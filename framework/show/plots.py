@@ -101,16 +101,15 @@ def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the singularity measure g along the path, springs at rest and deflected."""
     ax = ensure_axes(ax)
-    robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
-    searched = search_path(robot, plan.path)
+    searched = search_path(plan.robot, plan.path)
     g = measure_at_rest(searched, s)
-    ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
+    ax.plot(s, g, label="springs at rest" if plan.robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = _sample_times(plan)
-        deflected, _ = wrench_along(plan.dynamics, times)
-        deflected *= np.sign(deflected[0] * g[0])  # the sign of g is arbitrary
-        ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
+        loaded_g, _ = wrench_along(plan.dynamics, times)
+        loaded_g *= np.sign(loaded_g[0] * g[0])  # the sign of g is arbitrary
+        ax.plot(plan.law(times), loaded_g, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
         if plan.crossings:
             _magnify(ax, plan, searched)
@@ -157,8 +156,8 @@ def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
     times = crossing.time + (s - crossing.s) / crossing.speed
     _draw_upward(inset, s - at_rest, measure_at_rest(searched, s), crossing.speed, line_style(0))
-    deflected, _ = wrench_along(plan.dynamics, times)
-    _draw_upward(inset, plan.law(times) - at_rest, deflected, crossing.speed, line_style(1))
+    loaded_g, _ = wrench_along(plan.dynamics, times)
+    _draw_upward(inset, plan.law(times) - at_rest, loaded_g, crossing.speed, line_style(1))
     inset.axhline(0.0, color="black", linewidth=0.5)
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
     inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)

@@ -332,11 +332,11 @@ def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves
 
 
 def locus_lines(
-    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
+    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, max_distance: float = LOCUS_MARGIN
 ) -> list[Array]:
     """Return the pieces (m, 3) of the locus near places (F, 3) of the platform.
 
-    A point is near within `beside` robot lengths.
+    A point is near within `max_distance` robot lengths.
     """
     if curves is None:
         return []
@@ -345,20 +345,20 @@ def locus_lines(
         line = np.repeat(platform[:1], len(curve), axis=0)  # (M, 3): other coordinates as in the first frame
         line[:, robot.platform.along] = curve
         offsets = line[:, None] - platform[::20]  # (M, F / 20, 3); every 20th frame is dense enough
-        is_near = np.linalg.norm(offsets, axis=2).min(axis=1) < beside * robot.length
+        is_near = np.linalg.norm(offsets, axis=2).min(axis=1) < max_distance * robot.length
         is_near |= is_near.mean() > 0.5  # a curve that is mostly near is drawn whole
         ends = np.flatnonzero(np.diff(is_near)) + 1
         for piece, near in zip(np.split(line, ends), np.split(is_near, ends), strict=True):
-            if near[0] and len(piece) > 1:
+            if near[0] and len(piece) > 1:  # all points of a piece are near, or none is
                 pieces.append(piece)
     return pieces
 
 
 def encode_locus(
-    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
+    robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, max_distance: float = LOCUS_MARGIN
 ) -> Document | None:
     """Encode the locus near the platform for the page; None if no curve is near."""
-    pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
+    pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, max_distance=max_distance)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 

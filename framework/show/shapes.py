@@ -122,7 +122,7 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
         if not robot.sliding[column]:
             # motors at one place would hide each other: each is drawn about a cylinder of its own body
             motors.append(_drum_motor(axis, bodies if is_shared else [], size))
-        elif axis.joint:  # the rail is a leg; 0 is the base
+        elif axis.joint != 0:  # not the base: the rail is a leg
             motors.append(_drum_about_leg(axis, bodies, size))
         else:
             motors.append(_block_motor(carried_axis(robot, int(column)), size))

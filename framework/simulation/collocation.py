@@ -255,13 +255,13 @@ class StepEquations:
     def _balance(self, a: Array, multipliers: Array, rate_guess: Array) -> _Balance:
         """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes.
 
-        `rate_guess` (s, nv) is a guess of the rate of the tangent offset from the start.
+        From `rate_guess` (s, nv), `_offset_rate` iterates to the rate of the tangent offset from the start.
         """
         q, v, offset_rate = self._integrate_to_nodes(a, rate_guess)
         equations = self.equations
         world = self.drive.world
         torque = self.drive(self.times, q, v) if self.torque is None else self.torque
-        tangent = equations.tangent(q, v, a)
+        tangent = equations.tangent(q, v, a)  # left side of the equations and loop Jacobian, linearised
         applied = equations.motor_forces(torque)
         if world.acts:
             applied += world(equations.robot, self.times, q)

@@ -104,15 +104,15 @@ class Stepper:
         if not robots:
             raise InvalidInput("robots: needs at least one robot")
         like = robots[0] if like is None else like
-        first = EquationsOfMotion.of(like)
+        template = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle_inertia = first.rotors - like.rotors  # (nv,) 1 on idle joints without mass
+        idle_inertia = template.rotors - like.rotors  # (nv,) 1 on idle joints without mass
         shape = (len(robots), like.nv)
         added_damping = np.broadcast_to(check_damping(damping, shape), shape)
         equations = [
             replace(
-                first,
+                template,
                 robot=robot,
                 damping=robot.joint_damping + added,
                 rotors=robot.rotors + idle_inertia,
@@ -120,7 +120,7 @@ class Stepper:
             )
             for robot, added in zip(robots, added_damping, strict=True)
         ]
-        return Stepper(tuple(equations), _choose_scheme(first, scheme))
+        return Stepper(tuple(equations), _choose_scheme(template, scheme))
 
     @staticmethod
     def from_equations(equations: EquationsOfMotion) -> Stepper:

@@ -215,10 +215,11 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
     """Find the cusps of a curve of m points, where the slope of g along the escaping motion changes sign.
 
-    The motion itself may have opposite signs at two neighbours, which is corrected. Intervals with a branch
-    point are left out: a second motion escapes there, and the sign of the slope is arbitrary.
+    The motion itself, with passive rates eta, may have opposite signs at two neighbours. Then eta and the
+    slope of the second one are negated. Intervals with a branch point are left out: a second motion escapes
+    there, and the sign of the slope is arbitrary.
     """
-    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)  # (m - 1,) between neighbours
+    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)  # (m - 1,) of the angle between neighbours
     changes_sign = points.escape_slope[1:] * points.escape_slope[:-1] * cosine < 0
     has_branch = points.determinant[1:] * points.determinant[:-1] <= 0
     cusps = []
@@ -404,9 +405,9 @@ class Region(NamedTuple):
     def _clip_end(self, points: Points, mode: Array) -> Points:
         """Move the last of the points, if outside the working mode, back to the edge of the mode."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
-        if not outside < 0 < last_inside:
+        if not outside < 0 < last_inside:  # the curve does not leave the mode between these two points
             return points
-        at_edge = CUT_CLEARANCE_RATIO * last_inside  # least determinant of a leg at which the curve is cut
+        at_edge = CUT_CLEARANCE_RATIO * last_inside  # least determinant where the curve is cut, just inside
 
         def excess(point: Points) -> float:
             """Compute the excess of the least determinant of a leg over that at the edge."""

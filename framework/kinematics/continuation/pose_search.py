@@ -317,9 +317,9 @@ class PoseSearch:
     def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
         """Compute the quadratic model of |e|^2 / 2 at a pose q (nq,) with closed loops.
 
-        e is the error of x over its scale, and the columns of Z (f, n) are the motions of the f joints that
-        the m linearised loops allow. The Hessian needs derivatives of x and of the loops also at the poses
-        one `DIFFERENCE_STEP` away along each motion of Z; with q these are T = 1 + n poses.
+        e (n,) is the error of x over its scale. The columns of Z (f, n) are the motions of the f moving
+        joints that the m linearised loops allow. The Hessian needs derivatives of x and of the loops also at
+        the poses one `DIFFERENCE_STEP` away along each motion of Z; with q these are T = 1 + n poses.
 
         Args:
             near: (n,) platform coordinates; angles of x are taken within half a turn of them.
@@ -330,8 +330,8 @@ class PoseSearch:
         J = self._loop_slopes(linearised_at(self.robot, q[None]))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, len(J) :]  # (f, n) the null space of J
-        linearised = self._linearise_around(q, Z)
-        x, dx, dc = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
+        linearised = self._linearise_around(q, Z)  # at the T poses, q first
+        x, dx, dc = self._differentiate(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
         # the multipliers lambda (m,) that balance the gradient of the error best: the solution of
@@ -341,7 +341,7 @@ class PoseSearch:
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP  # (n, n), without dx' dx
 
         dx_along_Z = dx[0] @ Z  # (n, n)
-        margins, margin_slopes = self._bounds(q, dx, dc, Z)
+        margins, margin_slopes = self._linearise_margins(q, dx, dc, Z)
         return _Iterate(
             q=q,
             x=x[0],
@@ -355,7 +355,7 @@ class PoseSearch:
             loops=linearised.select(0),
         )
 
-    def _bounds(self, q: Array, dx: Array, dc: Array, Z: Array) -> tuple[Array, Array]:
+    def _linearise_margins(self, q: Array, dx: Array, dc: Array, Z: Array) -> tuple[Array, Array]:
         """Compute `margins` (2 f + 2,) and `margin_slopes` (2 f + 2, n) of an `_Iterate`.
 
         Each of the f moving joints has a margin to the lower and one to the upper end of its range; along the
@@ -377,7 +377,7 @@ class PoseSearch:
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps))
 
-    def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
+    def _differentiate(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and derivatives along the joints.
 
         Angles of x are taken within half a turn of `near` (n,).

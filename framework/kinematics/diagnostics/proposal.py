@@ -101,7 +101,7 @@ def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
 
 
 def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialRobot:
-    """Complete the description with platform, motors and reference, without holding more joints.
+    """Complete the description with platform, motors and reference; lock no joints.
 
     At a singular reference a pose beside it is taken. If nothing can be proposed at the file's pose, and this
     pose exceeds joint limits, a pose within the limits is tried.
@@ -119,7 +119,7 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
         return _complete_at_pose(partial, beside, by_joints=by_joints)
     except RobotFileError:
         within = motions_within_limits(partial.description)
-        if within is None:
+        if within is None:  # the file's pose is within the limits, or no closed pose is found
             raise
     return _complete_at_pose(partial, within, by_joints=by_joints)
 

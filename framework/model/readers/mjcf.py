@@ -60,7 +60,7 @@ _DYNAMICS_FIELDS = ("armature", "damping", "frictionloss", "stiffness")
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
-    """Read the robot in an MJCF file.
+    """Read the robot in an MJCF file, whose parsed `root` is checked before MuJoCo compiles the file.
 
     Raises:
         MissingPackage: MuJoCo is not installed.
@@ -70,6 +70,7 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
         for key, value in element.attrib.items():
             if "nan" in value.lower().split():  # MuJoCo would accept it
                 raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
+    # `left_out` names unread elements one by one; `unused` counts those that no motion needs
     compiled, left_out, unused = compile_mjcf(file)
     if compiled.neq > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")

@@ -62,7 +62,10 @@ class LawProblem(NamedTuple):
         return demand(self.task.branch, phi, sigma)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
-        """Return the basis of z: splines on cells (k + 1,), or a series."""
+        """Return the basis of z: splines on cells (k + 1,), or a series.
+
+        With a `degree` z is one series over the whole path, whatever the cells.
+        """
         if self.degree is None:
             return SpeedBasis.from_cells(cells)
         return SpeedBasis(np.array(ONE_CELL), self.degree + 1)

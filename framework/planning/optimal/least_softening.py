@@ -91,12 +91,12 @@ def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
     """Compute rho at the M points of a program as an affine function of the coefficients y (n,) of z.
 
     The softening h is affine in z and u = z'/2, h = h_0 + h_z z + h_u u. Its values at three pairs (z, u)
-    give these parts.
+    give h_0 = h(0, 0), h_z = h(1, 0) - h(0, 0) and h_u = h(1, 1) - h(1, 0).
     """
     sigma = program.problem.sigma(program.xi)
     g, h_rest = _measure_at(task, sigma, 0.0, 0.0)
-    _, h_at_z = _measure_at(task, sigma, 1.0, 0.0)
-    _, h_at_z_and_u = _measure_at(task, sigma, 1.0, 1.0)
+    h_at_z = _measure_at(task, sigma, 1.0, 0.0).h
+    h_at_z_and_u = _measure_at(task, sigma, 1.0, 1.0).h
     # values of z and u as rows (M, n) on y; u = dz/dsigma / 2 by the chain rule through xi
     z = program.basis.matrix(program.xi)
     u = diags_array(0.5 * task.stretch(sigma, 1)) @ program.basis.matrix(program.xi, 1)
