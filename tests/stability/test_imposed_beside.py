@@ -63,7 +63,7 @@ def right_peak() -> float:
     return float(max(abs(part) for t in instants for part in exact_torque(law, t)))
 
 
-def naive_peaks(offsets: np.ndarray, samples: int = 1501) -> np.ndarray:
+def naive_peaks(offsets: np.ndarray = OFFSETS, samples: int = 1501) -> np.ndarray:
     """Largest sampled torque [N m] of the law for each offset, over that of the right law."""
     robot = without_rotors()
     peaks = []
