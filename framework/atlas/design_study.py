@@ -165,7 +165,7 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     """Return the units of the columns of a study, by name.
 
-    Those of a map's quantity are `{key}_least`, `{key}_median` and `{key}_largest`.
+    A quantity has the columns `{key}_least`, `{key}_median` and `{key}_largest`.
     """
     unit_1, unit_2 = ("m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes))
     area_unit = f"{unit_1}^2" if unit_1 == unit_2 else "m rad"

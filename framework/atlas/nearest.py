@@ -126,7 +126,7 @@ def nearest_singular_pose(
     )
     if nearest is None:
         return result
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], x=None)).twist
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None])).twist
     x = centre.coordinates(nearest.z)
     return replace(result, distance=radius * unit_length, x=x, q=nearest.q, twist=twist)
 
@@ -158,7 +158,7 @@ class _Centre(NamedTuple):
 
     def type2_matrices(self, q: Array) -> Array:
         """Compute the matrices (T, s, s) at q (T, nq) that lose rank at Type 2."""
-        return type2_matrix(self.robot, linearised_at(self.robot, q, x=None))
+        return type2_matrix(self.robot, linearised_at(self.robot, q))
 
 
 class _RaySegments(NamedTuple):
@@ -258,7 +258,7 @@ def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
     The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
     """
     ends = _locate_ends(centre, ended)
-    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q, x=None))
+    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q))
     is_type_1 = _least_singular_values(matrices) < TYPE_1_END
     return float(ends.distance[is_type_1].min(initial=np.inf))
 
@@ -351,7 +351,7 @@ def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
         NotAssembled: the platform does not determine the joints, at the end of a branch.
     """
     robot = centre.robot
-    linearised = linearised_at(robot, pose.q[None], x=None)
+    linearised = linearised_at(robot, pose.q[None])
     measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
     unit_twists = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))[0].T  # (n, n), one a row
     rates = joint_rates(robot, linearised, unit_twists[:, None])[:, 0]  # (n, nv)

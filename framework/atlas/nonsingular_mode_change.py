@@ -116,6 +116,6 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
         q = np.array([pose.q for pose in poses])  # (T, nq)
         x = np.array([pose.x for pose in poses])  # (T, n)
         if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
-            g = singularity_measure(robot, linearised_at(robot, q, x=None)).g
+            g = singularity_measure(robot, linearised_at(robot, q)).g
             return AssemblyModeChange(cusp, motors, q, x, g)
     return None

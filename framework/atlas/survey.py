@@ -170,10 +170,9 @@ def seed_poses(
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
-    NO_NEIGHBOUR. The poses nearest to the reference are assembled in
-    turn until one succeeds; the others are reached from their neighbours. With a stride of 1, cells longer
-    than MAX_NEIGHBOUR_DISTANCE are subdivided: poses between those of the window are computed too, but not
-    returned.
+    NO_NEIGHBOUR. The poses nearest to the reference are assembled in turn until one succeeds; the others are
+    reached from their neighbours. With a stride of 1, cells longer than MAX_NEIGHBOUR_DISTANCE are
+    subdivided: poses between those of the window are computed too, but not returned.
 
     Args:
         stride: distance between computed poses [rows or columns]; above 1 only if `stride` cells in a row are

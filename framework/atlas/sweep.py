@@ -147,7 +147,12 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _step_once(
-    robot: ParallelRobot, q: Array, start: Array, end: Array, *, newton_steps: int = 10
+    robot: ParallelRobot,
+    q: Array,
+    start: Array,
+    end: Array,
+    *,
+    newton_steps: int = 10,  # largest number that corrects a prediction
 ) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 

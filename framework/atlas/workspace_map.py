@@ -294,7 +294,7 @@ def _evaluate_poses(
     arrays: dict[str, NDArray] = {"q": q, "reason": reason}
     arrays |= {key: np.full(reason.shape, value) for key, value in _empty_values(quantities).items()}
     if reached.any():
-        linearised = linearised_at(robot, q[reached], x=None)
+        linearised = linearised_at(robot, q[reached])
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
         _, arrays["assembly"][reached] = mode_signs(robot, linearised)

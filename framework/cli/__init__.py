@@ -1,6 +1,7 @@
 """The command line: `crossing COMMAND`. Open `plan` first, then `arguments`.
 
-This package parses and prints; it computes nothing.
+This package parses and prints; it computes nothing. The report of a command is the document of --json, and
+the lines of text.
 
 What commands share
     commands            the list of commands, and the parser; the command line to try instead of a refused one

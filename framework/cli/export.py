@@ -1,7 +1,4 @@
-"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson."""
 
 from __future__ import annotations
 

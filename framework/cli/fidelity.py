@@ -1,7 +1,4 @@
-"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing fidelity` and `crossing capacity`: the least model for a motion, and its largest load."""
 
 from __future__ import annotations
 
@@ -127,7 +124,12 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _format_row(study: FidelityStudy, comparison: Comparison, *, same_law: float = 1e-12) -> str:
+def _format_row(
+    study: FidelityStudy,
+    comparison: Comparison,
+    *,
+    same_law: float = 1e-12,  # difference in s of two laws that is rounding
+) -> str:
     """Return the row of the table for one level."""
     name = comparison.level.name
     indicators = study.indicators

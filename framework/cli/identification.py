@@ -1,7 +1,4 @@
-"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data."""
 
 from __future__ import annotations
 

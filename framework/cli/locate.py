@@ -1,7 +1,4 @@
-"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections."""
 
 from __future__ import annotations
 

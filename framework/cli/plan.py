@@ -1,7 +1,4 @@
-"""`crossing plan`: a motion through the singular points, with torques and proof.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing plan`: a motion through the singular points, with torques and proof."""
 
 from __future__ import annotations
 

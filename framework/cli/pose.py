@@ -1,7 +1,4 @@
-"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing robots`, `crossing check` and `crossing convert`: the catalogue and files of robots."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""`crossing robustness`: control a crossing on many robots that differ from their model.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing robustness`: control a crossing on many robots that differ from their model."""
 
 from __future__ import annotations
 

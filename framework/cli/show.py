@@ -1,7 +1,4 @@
-"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing show` and `crossing report`: pages of motions, of a robot to move by hand, and about a plan."""
 
 from __future__ import annotations
 

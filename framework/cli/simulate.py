@@ -1,7 +1,4 @@
-"""`crossing simulate`: check a plan by forward dynamics under the planned torques.
-
-A report is the document of --json, and the lines of text.
-"""
+"""`crossing simulate`: check a plan by forward dynamics under the planned torques."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """`crossing map`: quantities over the workspace of a robot, and its singular locus.
 
 With --study: a small map for each set of the parameters of a robot file.
-
-A report is the document of --json, and the lines of text.
 """
 
 from __future__ import annotations

@@ -210,7 +210,12 @@ class ControlCycle:
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max(initial=0.0))
 
-    def _predict_and_correct(self, target: Array, *, max_iterations: int = 5) -> Array | None:
+    def _predict_and_correct(
+        self,
+        target: Array,
+        *,
+        max_iterations: int = 5,  # of Newton's method; a prediction that needs more is refused
+    ) -> Array | None:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
         The step from the last cycle is accepted if its correction is small compared with the prediction, the
@@ -301,7 +306,7 @@ class ControlCycle:
             r[attitude.axes] = x[platform.turning]
             dx[platform.turning] = np.linalg.solve(pin.Jexp3(-r), w)[attitude.axes]
         else:
-            dx[platform.turning] = attitude.couples(frames.rotation[:, 0]).reshape(-1, 3) @ w
+            dx[platform.turning] = attitude.couples(frames.platform_rotation).reshape(-1, 3) @ w
         return x, dx
 
     def _drift_acceleration(self) -> Array:

@@ -230,7 +230,8 @@ class FeedforwardPD:
         reference: Reference,
         *,
         frequency: float = 40.0,  # [rad/s] natural, of each motor
-        max_sampled_damping: float = 0.5,  # share of that which stops a rotor in a period; 2 is unstable
+        # share of the damping that stops a rotor within one sampling period; a share of 2 is unstable
+        max_sampled_damping: float = 0.5,
     ) -> FeedforwardPD:
         """Tune each motor to a natural frequency, critically damped.
 

@@ -189,8 +189,8 @@ def _loaded_stack(
     Where the assembly mode at the end differs from that of q, `reason` (T,) is changed in place from CARRIED
     to OTHER_MODE.
     """
-    end = linearised_at(robot, reached.q, x=None)
-    _, start_sign = mode_signs(robot, linearised_at(robot, q, x=None))  # (T,) of the assembly mode
+    end = linearised_at(robot, reached.q)
+    _, start_sign = mode_signs(robot, linearised_at(robot, q))  # (T,) of the assembly mode
     _, end_sign = mode_signs(robot, end)
     is_other_mode = end_sign != start_sign
     reason[is_other_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE

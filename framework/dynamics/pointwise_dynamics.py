@@ -273,7 +273,11 @@ class _TaylorMotion(NamedTuple):
         """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
         return type2_matrix(self.robot, self.evaluate(times).linearised)
 
-    def choose_half_panel(self, *, max_joint_travel: float = 0.05) -> float:
+    def choose_half_panel(
+        self,
+        *,
+        max_joint_travel: float = 0.05,  # [rad, robot lengths] from the middle of the panel to either end
+    ) -> float:
         """Return the time t [s] in which no joint moves more than its travel [rad, robot lengths].
 
         Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk of the joints is not known,

@@ -218,7 +218,11 @@ def platform_stiffness(
 
 
 def _find_equilibrium(
-    robot: ParallelRobot, q: Array, wrench: ArrayLike | None, *, max_steps: int = 200
+    robot: ParallelRobot,
+    q: Array,
+    wrench: ArrayLike | None,
+    *,
+    max_steps: int = 200,  # of Newton's method, which converges quadratically at the end
 ) -> tuple[Array, Load]:
     """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 

@@ -286,7 +286,7 @@ def _random_poses(
         target = x + step * 0.5 ** max(k - steps, 0)  # ever shorter after these steps
         end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
         accepted = end.closed & ~(only_unmoved & has_moved)  # (count,) of the walks
-        end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], x=None))
+        end_clearance = clearance(robot, linearised_at(robot, end.q[accepted]))
         accepted[accepted] = end_clearance > BRANCHES_MEET  # away from singularities
         q[accepted] = end.q[accepted]
         x[accepted] = target[accepted]

@@ -444,7 +444,12 @@ class GaussNewton:
         )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(self, equations: ParameterEquations, *, width: float = 3.0) -> None:
+    def _estimate_deviations(
+        self,
+        equations: ParameterEquations,
+        *,
+        width: float = 3.0,  # number of standard deviations for which intervals are widened by Student's t
+    ) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
@@ -462,7 +467,11 @@ class GaussNewton:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
     def _estimate_noise(
-        self, equations: ParameterEquations, residual: float, *, least_noise: float = 1e-3
+        self,
+        equations: ParameterEquations,
+        residual: float,
+        *,
+        least_noise: float = 1e-3,  # share of the assumed noise
     ) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
@@ -471,7 +480,7 @@ class GaussNewton:
         the effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements
         of Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals s^2 (N - r(s))
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
-        the noise is the assumed noise, s = 1. Residuals below `least_noise` are rounding.
+        the noise is the assumed noise, s = 1. Residuals below `least_noise` count as rounding.
         """
         count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)

@@ -244,7 +244,7 @@ def sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
     The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
     the joints that an encoder can measure, with constant derivatives (nv,).
     """
-    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
+    jacobian = frames_at(model, q).frame_jacobian()  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
     slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
     for column, name in encoder_names(model).items():
@@ -276,12 +276,12 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
     offset = [
         model.coordinates.positions(frames.q)[:, joints] - joint_values,
         model.platform.residual(frames, x)[:, axes],
-        frames.position[:, 0, positions] - position_values,
+        frames.platform_origin[:, positions] - position_values,
     ]
     slope = [
         np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1)),
         model.platform.jacobian(frames)[:, axes],
-        frames.frame_jacobian(0)[:, positions],
+        frames.frame_jacobian()[:, positions],
     ]
     return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1))
 

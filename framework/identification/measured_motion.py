@@ -256,7 +256,7 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     """
     q_a, dq_a, ddq_a = joints
     q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    linearised = linearised_at(robot, q, x=None)
+    linearised = linearised_at(robot, q)
     _check_clearance(robot, q, linearised)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)
     joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)

@@ -192,11 +192,15 @@ def _is_in_degrees(angles: Array, reference: Array) -> bool:
     )
 
 
-def uniform_period(recording: Recording, *, period_jitter: float = 1e-3) -> float:
+def uniform_period(
+    recording: Recording,
+    *,
+    period_jitter: float = 1e-3,  # largest deviation of a time step, over the sampling period
+) -> float:
     """Return the sampling period [s].
 
     Raises:
-        InvalidInput: no column time, or its steps differ by more than `period_jitter`.
+        InvalidInput: no column time, or its steps differ by more than `period_jitter` allows.
     """
     if "time" not in recording.names:
         raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")

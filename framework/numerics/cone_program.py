@@ -248,7 +248,7 @@ def _cone_settings(
     tolerance: float,
     *,
     max_iterations: int = 200,
-    # tolerance of a solution that is accepted although the solver stalls, over the other
+    # tolerance of a solution that is accepted although the solver stalls, over `tolerance`
     stalled_ratio: float = 10.0,
 ) -> Any:
     """Return settings for cone programs.

@@ -173,10 +173,10 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
     Args:
         plan: with the polynomial, within the limits.
     """
-    advance = plan.law.least_speed_ratio(plan.request.smoothness)
-    if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
+    speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness)
+    if plan.crossings and speed_ratio < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
-            f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
+            f"the polynomial {NEARLY_STOPS}: its least speed is {speed_ratio:.2g} of its mean, its largest "
             f"torque {_peak_text(plan)}"
         )
         try:
@@ -311,12 +311,12 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     plan = plan_polynomial(to_cross, request)
-    advance = plan.law.least_speed_ratio(request.smoothness)
-    reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
+    speed_ratio = plan.law.least_speed_ratio(request.smoothness)
+    reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-        if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
-            reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
+        if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
+            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed: try --law optimal"
     return replace(plan, reason=reason)
 
 

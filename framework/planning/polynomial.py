@@ -41,14 +41,13 @@ from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
 PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
-# `Law.least_speed_ratio` (least speed over the mean, without the zeros at the ends) that a chosen law should
-# have.
+# least speed ratio that a chosen law should have: least speed over the mean, without the zeros at the ends
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
 # laws that each round of the search draws for each open time or speed; largest number of rounds
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 
-# from times and speeds (m, k) of the k crossings of m laws to advance (m,) and peak |s"| (m,) of each law
+# from times and speeds (m, k) of the k crossings of m laws to least speed ratio (m,) and peak |s"| (m,)
 Measure = Callable[[Array, Array], tuple[Array, Array]]
 # advice where times or speeds do not suit the duration
 OF_A_SCENE = (
@@ -113,7 +112,11 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _find_balanced_law(
-    to_cross: PathToCross, request: Request, timing: Sequence[CrossingTime], *, max_balances: int = 40
+    to_cross: PathToCross,
+    request: Request,
+    timing: Sequence[CrossingTime],
+    *,
+    max_balances: int = 40,  # of law and deflections, until the polynomial passes the crossings
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
@@ -306,7 +309,7 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
     s = [point.s for point, _ in crossings]
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
-        """Compute advance (m,) and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
+        """Compute least speed ratio and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
         accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
         for k, (_, condition) in enumerate(crossings):
             accelerations[:, k] = condition.acceleration(speeds[:, k])
@@ -325,13 +328,13 @@ def choose_timing(
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
     Times or speeds of the request are kept. Candidates for the open ones are tried in turn: first those of
-    the law without crossing conditions, then faster ones. The first candidate whose law advances comfortably
-    is chosen. If there is none, times and speeds are searched.
+    the law without crossing conditions, then faster ones. The first candidate whose least speed ratio
+    reaches COMFORTABLE_ADVANCE is chosen. If there is none, times and speeds are searched.
 
     Args:
-        measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns
-            `Law.least_speed_ratio` (m,) and the peak (m,) of |s"| [1/s^2] of each law, as
-            `speed_ratios_and_peaks` does.
+        measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns the
+            least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
+            does.
         name: name of the robot, for messages.
 
     Raises:
@@ -407,22 +410,23 @@ def _score_laws(
 ) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
-    The score is the advance of the law, its `Law.least_speed_ratio`. A law that reaches COMFORTABLE_ADVANCE
-    scores this value plus the reciprocal of its dimensionless peak |s"|, so that gentler laws win.
-    Impossible times or speeds score negative infinity.
+    The score is the least speed ratio of the law. A law that reaches COMFORTABLE_ADVANCE scores
+    this value plus the reciprocal of its dimensionless peak |s"|, so that gentler laws win. Impossible times
+    or speeds score negative infinity.
 
     Args:
         duration: of the laws [s].
-        measure: a function of times and speeds (m, k), which returns advance (m,) and peak |s"| (m,).
+        measure: a function of times and speeds (m, k), which returns least speed ratio (m,) and peak |s"|
+            (m,).
         timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= min_separation * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
-    advances, peaks = measure(times[possible], speeds[possible])
+    speed_ratios, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
-    scores[possible] = np.where(advances < COMFORTABLE_ADVANCE, advances, by_peak)
+    scores[possible] = np.where(speed_ratios < COMFORTABLE_ADVANCE, speed_ratios, by_peak)
     return scores
 
 
@@ -436,7 +440,7 @@ def _search_timings(
     laws_per_survivor: int = 8,  # the best one in so many is kept in each round
     min_spread: float = 1e-4,  # of the survivors' scores; below, the search ends
 ) -> tuple[Array, float]:
-    """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
+    """Search open times and speeds for high scores of laws; return the best (2, k) and its score.
 
     The method is an evolution strategy. The unknowns of a law are its times over the duration and the
     logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they

@@ -290,7 +290,7 @@ def _displacement_group(robot: ParallelRobot) -> Displacements | None:
     A planar robot has to move normal to a base axis, with both translations in the plane: alone (n = 2) or
     with the rotation (n = 3). Robots without joints that follow the motors, or with couplings, have no group.
     """
-    if not len(robot.following) or robot.rows.has_couplings:
+    if not robot.n_p or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:
         axis = planar_axis(robot)  # normal to the plane

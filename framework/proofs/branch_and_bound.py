@@ -47,7 +47,7 @@ def branch_and_bound(
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
-    batch: int = 1024,
+    batch: int = 1024,  # pieces tested at a time
 ) -> Partition[Stack, Record]:
     """Test the pieces of a region until all are decided or `max_examined` are tested.
 

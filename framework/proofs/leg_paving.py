@@ -71,7 +71,12 @@ def are_leg_solutions_complete(
     return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
 
 
-def _is_paveable(robot: ParallelRobot, own: IntArray, *, max_joints: int = 4) -> bool:
+def _is_paveable(
+    robot: ParallelRobot,
+    own: IntArray,
+    *,
+    max_joints: int = 4,  # of a leg that is paved
+) -> bool:
     """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.

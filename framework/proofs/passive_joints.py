@@ -27,7 +27,12 @@ RANDOM_STARTS = 300  # of a search for all solutions
 
 
 def find_joints_at_pose(
-    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None, *, start_count: int = 24
+    robot: ParallelRobot,
+    q: Array,
+    position: Array,
+    rotation: Array | None,
+    *,
+    start_count: int = 24,  # of Newton's method
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
@@ -41,10 +46,10 @@ def find_joints_at_pose(
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute dimensionless offsets (T, 3 or 12) from the pose, and slopes (T, .., nv).
 
-        The platform's frame has the number 0. The first 3 offsets are of its origin, the others of its axes.
+        The first 3 offsets are of its origin, the others of its axes.
         """
-        offsets = (frames.position[:, 0] - position) / robot.length
-        slopes = frames.frame_jacobian(0)[:, :3] * robot.column_scale / robot.length
+        offsets = (frames.platform_origin - position) / robot.length
+        slopes = frames.frame_jacobian()[:, :3] * robot.column_scale / robot.length
         if rotation is None:
             return offsets, slopes
         turns, turn_slopes = attitude_equations(frames, rotation)
@@ -62,8 +67,8 @@ def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Arra
     `frames` are those of T configurations. The slopes are derivatives along all joints. The derivative of an
     axis e along a joint that turns about w_j is w_j x e.
     """
-    axes = frames.rotation[:, 0].swapaxes(1, 2)  # (T, 3, 3), one axis a row
-    turn_axes = frames.frame_jacobian(0)[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j
+    axes = frames.platform_rotation.swapaxes(1, 2)  # (T, 3, 3), one axis a row
+    turn_axes = frames.frame_jacobian()[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j
     slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, 3, nv, 3): axis, joint, coordinate
     offsets = (axes - rotation.T).reshape(-1, 9)  # the axes of the rotation are its columns
     return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
@@ -151,7 +156,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
     loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
     """
-    linearised = linearised_at(robot, q[None], x=None)
+    linearised = linearised_at(robot, q[None])
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops
     if not platform_locked:

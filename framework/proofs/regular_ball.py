@@ -89,7 +89,13 @@ def prove_regular_ball(
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
 
-def _prove_one_cell(test: CellTest, q: Array, within: float, *, steps_per_octave: int = 20) -> float:
+def _prove_one_cell(
+    test: CellTest,
+    q: Array,
+    within: float,
+    *,
+    steps_per_octave: int = 20,  # radii tried between the largest proved radius and its double
+) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
     First the radii `within` / 2^k [robot lengths, rad] are tried, down to rounding. Then radii in small

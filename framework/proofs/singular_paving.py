@@ -146,7 +146,7 @@ def pave_singularities(
 def _expect_pavable(robot: ParallelRobot) -> None:
     """Raise InvalidInput for a robot whose singular sets cannot be paved."""
     require_square(robot)
-    if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
+    if robot.n > 2 or robot.n_a != robot.n or not robot.n_p:
         raise InvalidInput(
             f"{robot.name}: paving is for robots of one or two freedoms, a motor for each, and passive joints"
         )

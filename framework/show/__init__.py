@@ -1,6 +1,7 @@
 """Figures, and pages for the browser. Open `film` first: it samples the motions that pages and pictures show.
 
-No other package imports matplotlib or MeshCat. This one draws results and computes none.
+No other package imports matplotlib or MeshCat. This one draws results and computes none. A node is the joint
+that carries a shape, 0 the base.
 
 What is shown
     film                a motion sampled in time: poses, torques, distance to the singularity; torque limits

@@ -1,8 +1,8 @@
 """Draw robots in matplotlib: one, `draw_robot(robot, q, ax)`, several side by side, and a frame of a film.
 
 A frame shows robot, path, singular locus, t_s, W_p and the motors' forces. `onto` projects points (..., 3)
-onto the paper, (..., 2), and k is the number of a frame. A node is the joint that carries a shape; its pose
-(7,) is the position and the quaternion.
+onto the paper, (..., 2), and k is the number of a frame. The pose (7,) of a node is the position and the
+quaternion.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Arrays are base64 of little-endian float32, row after row; on a robot of a metre they are exact to a tenth of
 a micrometre. The page (framework/show/page) draws this document and computes nothing about robots.
 
-A film has F frames of a robot with n_a motors. The pose (7,) of a joint is its position and quaternion; a
-node is the joint that carries a shape, 0 the base.
+A film has F frames of a robot with n_a motors. The pose (7,) of a joint is its position and quaternion.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 A motor is a drum on a turning joint or around a leg that stretches, and a block on a rail.
 
-A node is the joint that carries a shape, 0 the base. A joint's axis has the joint, a `place` (3,) on the line
-and the direction `axis` (3,).
+A joint's axis has the joint, a `place` (3,) on the line and the direction `axis` (3,).
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@ A planar robot is seen along its normal, from one side or the other. Other robot
 from eye level to halfway up. The visible area of a body is the number of cells of the picture in which this
 body is nearest to the eye.
 
-A node is the joint that carries a shape, 0 the base. A projection takes points (..., 3) onto the paper, (...,
-2).
+A projection takes points (..., 3) onto the paper, (..., 2).
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def collocate(
     tolerance: float,
     longest: float,
     max_steps: int = 20_000,  # of a simulation
-    projected_after: int = 100,  # accepted steps, from which their number is extrapolated
+    projected_after: int = 100,  # accepted steps after which the whole number is extrapolated
 ) -> Iterator[CollocationStep]:
     """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
@@ -63,7 +63,7 @@ def collocate(
     for time, end in pairwise(drive.edges(duration)):
         previous = None  # the last step, from which the next one is guessed
         while time < end:
-            # take the first length with which the step is solved; none is left in the end (`else`)
+            # take the first length with which the step is solved; if none is left, the `else` raises
             for candidate, leniency in _step_lengths(length, usual, end - time, SAME_PLACE * duration):
                 step_equations = StepEquations(equations, drive, table, time, candidate, start)
                 try:
@@ -135,7 +135,7 @@ def _try_step(
     tolerance: float,
     leniency: float,
     *,
-    newton_share: float = 0.01,
+    newton_share: float = 0.01,  # share of the tolerance to which a step is solved
 ) -> CollocationStep:
     """Solve a step from a guess that is extrapolated from the previous one.
 
@@ -165,7 +165,11 @@ def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolera
 
 
 def _step_growth(
-    equations: EquationsOfMotion, step: CollocationStep, tolerance: float, *, step_safety: float = 0.8
+    equations: EquationsOfMotion,
+    step: CollocationStep,
+    tolerance: float,
+    *,
+    step_safety: float = 0.8,  # factor on the length that the estimate of the unresolved part allows
 ) -> float:
     """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 

@@ -337,7 +337,7 @@ def advance(
     step: float,
     curvature: Array,
     *,
-    max_corrections: int = 6,
+    max_corrections: int = 6,  # Newton steps
     max_correction_ratio: float = 0.25,  # ratio of the sum of all corrections to the step
 ) -> Points | None:
     """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).

@@ -123,8 +123,8 @@ def _proximity_level(
     value: float,
     usual: float,
     *,
-    near_singular: float = 0.3,  # least singular value over its usual size
-    singular: float = 0.01,  # the same at a singular pose
+    near_singular: float = 0.3,  # least singular value over its usual size; below, a pose is near singular
+    singular: float = 0.01,  # the same; at or below it, a pose is singular
 ) -> str:
     """Return regular, near or singular by comparing a least singular value with its usual size.
 

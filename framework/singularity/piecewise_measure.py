@@ -314,7 +314,7 @@ def extremum_near(
     scalar: Callable[[Array], Array] = determinant,
     *,
     # in s, of a panel about an extremum; halved while the series has a truncation error
-    half_width: float = 0.04,
+    first_half_width: float = 0.04,
     max_panels: int = 8,
 ) -> Extremum:
     """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
@@ -333,7 +333,7 @@ def extremum_near(
     """
     k = np.searchsorted(knots[1:-1], s, side="right")
     lowest, highest = knots[k : k + 2]  # between these knots g is smooth
-    half_width = half_width
+    half_width = first_half_width
     for _ in range(max_panels):
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)

@@ -144,7 +144,12 @@ def trace_locus(
 
 
 def _trace_branches(
-    equations: LocusEquations, region: Region, solutions: Array, longest: float, *, max_curves: int = 100
+    equations: LocusEquations,
+    region: Region,
+    solutions: Array,
+    longest: float,
+    *,
+    max_curves: int = 100,  # after which no further branches are traced
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
@@ -420,7 +425,12 @@ class Region(NamedTuple):
         return points if edge is None else join([points, edge])
 
 
-def draw_in_mode(region: Region, count: int, *, steps: int = 10) -> Array:
+def draw_in_mode(
+    region: Region,
+    count: int,
+    *,
+    steps: int = 10,  # from the centre to a target
+) -> Array:
     """Draw configurations (count, nq) of the region's working mode.
 
     The platform moves from the region's centre to random targets in steps. A configuration rests in a step

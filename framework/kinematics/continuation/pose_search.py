@@ -50,8 +50,8 @@ from framework.tolerances import (
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30  # of the search
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
-# The search ends if the decrease of the squared distance, predicted for the next step, is below these shares
-LEAST_DECREASE = 1e-8  # of the squared distance
+# share of the squared distance; the search ends if the decrease predicted for the next step is below it
+LEAST_DECREASE = 1e-8
 UNCONVERGED = "the search has not converged"
 LEAST_DAMPING = 1e-2  # first damping after a step that does not lead nearer
 
@@ -175,7 +175,8 @@ class PoseSearch:
         least_value: float,
         ends: Array,
         *,
-        least_progress: float = 0.1,  # of its excess over that of the best other search
+        # decrease predicted for the next step, over the excess of |e|^2 / 2 over that of the best other search
+        least_progress: float = 0.1,
     ) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
 

@@ -183,7 +183,11 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _find_nearest_offsets(group: _Group, *, enough_poses: int = 8) -> Array:
+def _find_nearest_offsets(
+    group: _Group,
+    *,
+    enough_poses: int = 8,  # number of closed poses after which the search ends
+) -> Array:
     """Find the smallest offsets (k,) that close a group's loops, from several starts.
 
     Raises:

@@ -341,7 +341,12 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(motions: LoopMotions, partial: PartialRobot, *, max_tried: int = 12) -> list[Platform]:
+def _likely_platforms(
+    motions: LoopMotions,
+    partial: PartialRobot,
+    *,
+    max_tried: int = 12,  # number of platforms that are tried
+) -> list[Platform]:
     """Return platforms to try, most likely first, on frames that every motor moves."""
     scored: list[tuple[float, Platform]] = []
     for number, frame, joint_twists in _moved_frames(motions, partial):
