@@ -440,7 +440,9 @@ def _search_timings(
     laws_per_survivor: int = 8,  # the best one in so many is kept in each round
     min_spread: float = 1e-4,  # of the survivors' scores; below, the search ends
 ) -> tuple[Array, float]:
-    """Search open times and speeds for high scores of laws; return the best (2, k) and its score.
+    """Search open times and speeds; return the best (2, k) and its score.
+
+    The search ends when all survivors score COMFORTABLE_ADVANCE, or nearly the same.
 
     The method is an evolution strategy. The unknowns of a law are its times over the duration and the
     logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they

@@ -175,7 +175,7 @@ class PoseSearch:
         least_value: float,
         ends: Array,
         *,
-        # decrease predicted for the next step, over the excess of |e|^2 / 2 over that of the best other search
+        # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
         least_progress: float = 0.1,
     ) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
