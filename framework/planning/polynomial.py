@@ -442,12 +442,11 @@ def _search_timings(
 ) -> tuple[Array, float]:
     """Search open times and speeds; return the best (2, k) and its score.
 
-    The search ends when all survivors score COMFORTABLE_ADVANCE, or nearly the same.
-
     The method is an evolution strategy. The unknowns of a law are its times over the duration and the
     logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they
     are drawn around the mean of the survivors, with the covariance of the survivors about the mean of the
     round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
+    The search ends when all survivors score COMFORTABLE_ADVANCE or more, or nearly the same.
 
     Args:
         starts: times and speeds (m, 2, k), best first.
