@@ -148,6 +148,18 @@ A root of g to 1e-12 leaves as much; the least at the references of the catalogu
 poses that near count as singular; at 1e-8 double singularities are taken for single ones.
 """
 
+NEAR_SINGULAR_RATIO = 0.3
+"""Least singular value over that of the reference, below which a robot moved by hand is near singular.
+
+On the 5R at x = 0 that is from 35 mm beside the locus on: far enough to be seen before the motors lose it.
+"""
+
+SINGULAR_RATIO = 0.01
+"""Least singular value over that of the reference, up to which a robot moved by hand is singular.
+
+On the 5R at x = 0 that is from 1.2 mm beside the locus on, which a hand can set; RANK_LOST it cannot.
+"""
+
 BRANCHES_MEET = 1e-6
 """The least singular value of a pose at which branches are not told apart: none is decided there.
 

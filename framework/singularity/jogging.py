@@ -32,6 +32,7 @@ from framework.laws.path import Line
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
+from framework.tolerances import NEAR_SINGULAR_RATIO, SINGULAR_RATIO
 
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
@@ -119,23 +120,17 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     )
 
 
-def _proximity_level(
-    value: float,
-    usual: float,
-    *,
-    near_singular: float = 0.3,  # least singular value over its usual size; below, a pose is near singular
-    singular: float = 0.01,  # the same; at or below it, a pose is singular
-) -> str:
+def _proximity_level(value: float, usual: float) -> str:
     """Return regular, near or singular by comparing a least singular value with its usual size.
 
     Args:
         value: the least singular value at a pose.
-        usual: that at the reference. At least `singular` counts, as the reference may be nearly singular.
+        usual: that at the reference. At least SINGULAR_RATIO counts, as the reference may be nearly singular.
     """
-    usual = max(usual, singular)
-    if value >= near_singular * usual:
+    usual = max(usual, SINGULAR_RATIO)
+    if value >= NEAR_SINGULAR_RATIO * usual:
         return "regular"
-    return "near" if value > singular * usual else "singular"
+    return "near" if value > SINGULAR_RATIO * usual else "singular"
 
 
 class LooseMotion(NamedTuple):
