@@ -3,7 +3,6 @@
 import argparse
 import re
 import shlex
-from itertools import pairwise
 
 import pytest
 
@@ -19,18 +18,6 @@ def words(example: str) -> list[str]:
     program, *arguments = shlex.split(example)
     assert program == "crossing"
     return arguments
-
-
-# runs and poses for the same words, and where these do not say it
-FEWER = {("--runs", "200"): "20", ("--size", "100"): "24", ("--size", "50"): "24"}
-COARSE = {"map": ["--size", "24"], "robustness": ["--period", "4e-3"]}
-
-
-def shortened(arguments: list[str]) -> list[str]:
-    """The same command, quickly."""
-    coarse = COARSE.get(arguments[0], [])
-    more = [] if {"--replay", *coarse[:1]} & set(arguments) else coarse
-    return [FEWER.get(pair, pair[1]) for pair in pairwise(["", *arguments])] + more
 
 
 def parser(name: str) -> argparse.ArgumentParser:
@@ -85,6 +72,6 @@ def test_every_example_does_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("framework.fidelity.capacity.BRACKET_RATIO", 1.0)  # doubling will do here
     for example in (*FIRST_EXAMPLES, *EXAMPLES):
         if example != ENDLESS:
-            code = main(shortened(words(example)))
+            code = main(words(example))
             assert code == 0, (example, capsys.readouterr().err)
     capsys.readouterr()

@@ -346,7 +346,7 @@ def test_mutants_in_processes_of_their_own(tmp_path):
         "yaml": source.read_text(encoding="utf-8"),
         "urdf": source.with_suffix(".urdf").read_text("utf-8"),
     }
-    for seed in range(6):
+    for seed in range(12):
         rng = random.Random(f"process {seed}")
         mutants = {"yaml": changed_yaml(texts["yaml"], rng), "urdf": texts["urdf"]}
         if seed % 2:

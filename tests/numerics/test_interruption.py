@@ -159,7 +159,7 @@ def hears(process: subprocess.Popen[str]) -> bool:
     ("delay", "number"),
     [
         pytest.param(delay, number, marks=pytest.mark.slow if delay > 0.15 else ())
-        for delay, number in zip([0.0, 0.15, *(0.2 * k for k in range(2, 10))], cycle(SIGNALS))
+        for delay, number in zip([0.0, 0.15, *(0.1 * k for k in range(3, 20))], cycle(SIGNALS))
     ],
 )
 def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, number):

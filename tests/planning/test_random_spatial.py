@@ -15,7 +15,7 @@ from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
 
 SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
-COUNT, SEED = 2, 11
+COUNT, SEED = 3, 11
 
 
 def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:

@@ -222,7 +222,7 @@ def test_at_a_cusp_in_the_space_of_the_motors_three_assembly_modes_meet(robot):
 def test_slices_of_the_gough_stewart_platform_are_singular_all_along(free):
     robot = robots.load("gough_stewart")
     (point,) = locate_singularities(robot, scene_path(robot.description.scenes["turn"]))[:1]
-    traced = trace_locus(robot, point.q, free=free, starts=4)
+    traced = trace_locus(robot, point.q, free=free, starts=8)
     assert traced.curves
     held = [k for k, name in enumerate(robot.axis_names) if name not in free]
     for curve in traced.curves:
