@@ -112,7 +112,7 @@ class Leg(ReadOnlyArrays):
 
     motors: Names  # names of its actuators; empty for joints that only follow
     rows: IntArray  # (k,) indices of its equations in F
-    columns: IntArray  # (k,) its joints, as indices into the `moving` columns: actuated, then passive
+    columns: IntArray  # (k,) its joints, as indices into the columns that move: actuated, then passive
     needed: IntArray  # (j,) joints of the legs that have to be solved earlier, as indices like `columns`
 
 
@@ -122,25 +122,38 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     Raises:
         InvalidInput: the platform does not determine the joints.
     """
+    require_square(robot)
+    return split_legs(robot, np.arange(len(robot.equations.pattern)), robot.moving)
+
+
+def split_legs(robot: ParallelRobot, rows: IntArray, columns: IntArray) -> tuple[Leg, ...]:
+    """Split equations of F, indices `rows` (r,), and `columns` (k,) of joints into legs, motors first.
+
+    Equations that are not square, or that do not determine the joints in any pose, are split into groups that
+    share no joint. The columns of a leg are indices into `columns`.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-    require_square(robot)
-    pattern = csr_array(robot.equations.pattern[:, robot.moving].astype(float))  # (n + m, moving)
-    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) an equation for each column
-    matched = pattern[row_of]  # rows permuted so that the diagonal is full
-    # the irreducible blocks are the strongly connected components of the columns' graph
-    count, label = connected_components(matched, directed=True, connection="strong")  # (columns,) leg of each
+    pattern = csr_array(robot.equations.pattern[rows][:, columns].astype(float))  # (r, k)
+    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (k,) an equation for each column, or -1
+    is_square = len(rows) == len(columns) and bool((row_of >= 0).all())
+    # rows permuted so that the diagonal is full, or which columns share an equation
+    graph = pattern[row_of] if is_square else pattern.T @ pattern
+    # irreducible blocks are the strongly connected components of the columns' graph
+    count, label = connected_components(graph, directed=True, connection="strong")  # (k,) leg of each column
 
-    needs = _leg_dependencies(count, label, *matched.nonzero())
+    needs = _leg_dependencies(count, label, *graph.nonzero())
     all_legs = []
     for k in range(count):
-        columns = np.flatnonzero(label == k)
-        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed_columns = np.flatnonzero(needs[k, label] & (label != k))  # in other legs
-        all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
+        own = np.flatnonzero(label == k)
+        own_rows = row_of[own] if is_square else np.flatnonzero(pattern[:, own].sum(axis=1))
+        motors = [j for j in columns[own].tolist() if j in robot.actuated]
+        names = tuple(robot.actuator_names[robot.actuated.tolist().index(j)] for j in motors)
+        needed = np.flatnonzero(needs[k, label] & (label != k))  # columns of other legs
+        all_legs.append(Leg(names, rows[own_rows], own, needed))
     # motors are the first columns; legs without a motor come last
-    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
+    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else len(columns)))
 
 
 def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
