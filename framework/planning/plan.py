@@ -383,8 +383,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     """Return the options of `plan_crossing` with which to try again; None without a remedy.
 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
-    optimal law is advised only if condition (8) admits a law. Advised limits and durations are those of a law
-    that the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
+    optimal law is advised only if condition (8) admits a law. A motion was certified with each advised limit
+    and duration (`SearchEvidence`). The option `bend` stands for `path_modification`.
 
     Args:
         refusal: of the request.
@@ -399,10 +399,10 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
     evidence = getattr(refusal, "evidence", None)
-    if robot.n_e or not isinstance(evidence, SearchEvidence):  # evidence is about the undeformed robot
+    if not isinstance(evidence, SearchEvidence):
         return None
-    if evidence.quickest is not None:
-        return {"longest" if request.duration is None else "duration": evidence.quickest}
+    if evidence.duration is not None:
+        return {"longest" if request.duration is None else "duration": evidence.duration}
     if evidence.limits is None:
         return None
     remedy = {}
