@@ -71,7 +71,7 @@ def panel_edges(
 
 
 def find_instants(
-    law: MotionLaw, edges: Array, places: Sequence[float], *, newton_steps: int = 3
+    law: MotionLaw, edges: Array, places: Sequence[float] | Array, *, newton_steps: int = 3
 ) -> list[Array]:
     """Find for each of k places s all instants [s] with law(t) = s, ascending.
 
