@@ -142,7 +142,7 @@ def slider_crank(folder, angle, lower, upper, slide=""):
 
 @pytest.mark.parametrize("angle", [0.3, 0.9, 1.4, -1.3])
 def test_the_nearest_pose_is_within_ranges_whatever_the_reference(tmp_path, angle):
-    """The block is at CRANK cos a + sqrt(ROD^2 - (CRANK sin a)^2) at the crank angle a, falling with |a|."""
+    """At crank angle a the block is at CRANK cos a + sqrt(ROD^2 - (CRANK sin a)^2), which falls with |a|."""
     robot = slider_crank(tmp_path, angle, -0.4, 0.5)
     end = 0.5 if angle > 0 else -0.4
     at_end = CRANK * np.cos(end) + np.sqrt(ROD**2 - (CRANK * np.sin(end)) ** 2)
