@@ -329,9 +329,12 @@ def test_the_default_window_holds_all_of_the_workspace_wherever_the_reference_is
         bend = np.arccos(np.linalg.norm(way) / 0.5)
         reference[f"{name}_motor"] = np.arctan2(way[1], way[0]) + side * bend
         reference[f"{name}_elbow"] = -2 * side * bend
-    robot = ParallelRobot.from_file(robots.CATALOGUE["five_bar"].file, reference=reference)
+    robot, centre = (
+        ParallelRobot.from_file(robots.CATALOGUE["five_bar"].file, reference=reference),
+        np.array(point),
+    )
     found, sought = survey_window(robot), 1.6 * robot.length
     corner = np.array([0.3, np.sqrt(0.5**2 - 0.2**2)])
-    assert (found.lower <= np.maximum(-corner, point - sought) + 1e-9).all()
-    assert (found.upper >= np.minimum(corner, point + sought) - 1e-9).all()
+    assert (found.lower <= np.maximum(-corner, centre - sought) + 1e-9).all()
+    assert (found.upper >= np.minimum(corner, centre + sought) - 1e-9).all()
     assert (found.upper - found.lower < 2 * corner + 0.1).all()
