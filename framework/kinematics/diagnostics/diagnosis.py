@@ -222,7 +222,7 @@ def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformA
         )
     if mobility.idle:
         yield (
-            f"{', '.join(mobility.idle)} may turn without moving any centre of mass; planning holds it "
+            f"{', '.join(mobility.idle)} may turn and hardly moves a centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
