@@ -71,17 +71,6 @@ def test_a_motion_without_a_rigid_plan_may_need_everything():
     assert predict_level(robots.load("five_bar").description, "B").level == LEVELS[-1].name
 
 
-def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosine():
-    """d" = (w d + lacking) / m: d = lacking / w (cosh(t sqrt(w / m)) - 1)."""
-    times, weight, mass = np.linspace(0.0, 2.0, 513), 3.0, 2.0
-    constant = np.ones((len(times), 1, 1))
-    dynamics = ErrorDynamics(-constant / mass, 0.0 * constant, constant * weight / mass)
-    off = open_loop_error(dynamics, times, np.full((len(times), 1), -0.1))[:, 0]
-    np.testing.assert_allclose(
-        off, 0.1 / weight * (np.cosh(times * np.sqrt(weight / mass)) - 1.0), rtol=1e-4, atol=1e-9
-    )
-
-
 def test_a_controller_that_is_stiffer_than_weight_makes_the_rod_swing():
     """m d" = (w - k) d, without damping and from d = lacking / (k - w) at rest: a cosine about that."""
     times, weight, mass, gear = np.linspace(0.0, 2.0, 2049), 3.0, 2.0, 5.0
