@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from fractions import Fraction
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 from types import SimpleNamespace
 
 import mpmath
@@ -411,6 +411,26 @@ def passive_blocks_are_regular():
     assert not regular(change=1.0)  # changes of all entries by half
     assert not regular(P=0.0)
 
+    def regular_along(P, dP):
+        """Return whether P (s, s) is proved regular along a coordinate that moves all k joints alike."""
+        k = dP.shape[-1]
+        bounds = SimpleNamespace(robot=SimpleNamespace(n=0, n_a=0), rounding=0.0)
+        derivatives = SimpleNamespace(bounds=bounds, slopes=P[None], hessians=dP[None])
+        boxes = SimpleNamespace(
+            error=np.zeros((1, k)), radii=np.zeros((1, k)), remainders=SimpleNamespace(hessians=0 * dP[None])
+        )
+        return regular_ball._passive_block_is_regular(derivatives, np.ones((1, k, 1)), np.ones(1), boxes, 1)[
+            0
+        ]
+
+    for summands in permutations((2.0**54, 1.0, -(2.0**54))):  # they change P by 1, but for rounding
+        assert not regular_along(np.eye(1), np.reshape(summands, (1, 1, 3)))
+    rng = np.random.default_rng(13)
+    for _ in range(30):
+        P = rng.integers(-9, 9, (3, 3)).astype(float)
+        P[2] = 2 * P[1] - 3 * P[0]  # singular, but for the rounding of its inverse
+        assert not regular_along(P, np.full((3, 3, 1), 1e-30))
+
 
 def platforms_stay_in_their_boxes():
     """Ends of arcs; and corners of boxes about the 5R stretched along x, whose x has no slope there."""
@@ -570,6 +590,8 @@ MUTATIONS = {
     ],
     passive_blocks_are_regular: [
         (passive, " + _bound_over_cell(changes, half, dual_norm)", ""),
+        (passive, "identity_defect(Y, P) + ", ""),
+        (passive, " + gamma(s * k) * rounded", ""),
         (passive, "dP_size + rounding, boxes.error", "0 * dP_size, boxes.error"),
         (passive, "P_errors += 0.5 *", "P_errors += 0.4 *"),
         (passive, "P_errors += rounding", "P_errors += 0 * rounding"),
