@@ -19,16 +19,16 @@ from tests.benchmarks.chart.measure import Method, Row, Stage
 from tests.benchmarks.chart.reading import LEAST, WRONG, finite, front, sentence
 
 PALETTE = {
-    "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733"),
+    "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733", "#44AA99", "#555555"),
     "peer": ("#D55E00", "#CC79A7", "#E69F00", "#882255", "#999933", "#8c510a", "#dd6677"),
     "frontier": ("#000000",),
 }
-WIDTH, AXES = 7.2, 2.7  # [in] two journal columns; height of axes
+WIDTH, AXES = 9.0, 2.7  # [in] of a figure; height of axes
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
 TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
 MARKERS = "os^Dv<>Pphd*X"
-LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
+LEGEND_COLUMNS, LETTERS = 2, 175  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
 SHORT_SIZE = (6.2, 3.0)  # [in] of the figure read at a glance
 SHORT_OFFSET = 5.0  # [pt] of a name from its point
