@@ -39,9 +39,11 @@ DIGITS = 16  # that a cell may lose
 def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     """The figure of a stage: errors over times, axes for each of its problems, and the profile of all."""
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
-    named: dict[str, Method] = {}  # one entry a label, the first one's
+    named: dict[str, Method] = {}  # one entry a label, with what it is given in each panel
+    given: dict[str, dict[str, None]] = {}
     for method in drawn:
         named.setdefault(method.label, method)
+        given.setdefault(method.label, {})[method.given] = None
     text, columns = _below(stage, rows), len(stage.panels) + bool(stage.profile)
     below = BELOW + LINE * (-(-len(named) // LEGEND_COLUMNS) + len(text) + 1)
     height = below + TOP + AXES
@@ -63,8 +65,8 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     if stage.profile:
         _plot_profile(axes[-1], stage, drawn, rows, looks)
     handles = [
-        figure.axes[0].plot([], [], **looks[method.name], label=f"{method.label} ({method.given})")[0]
-        for method in named.values()
+        figure.axes[0].plot([], [], **looks[method.name], label=f"{label} ({' / '.join(given[label])})")[0]
+        for label, method in named.items()
     ]
     figure.legend(
         handles=handles,

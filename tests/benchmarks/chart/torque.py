@@ -436,13 +436,13 @@ STAGE = Stage(
     goals=(1e-6, 1e-10),
     remark=_remark,
     profile=DISTANCES,
-    profiled="distance to the singular instant  [s]",
+    profiled="distance to the instant  [s]",
     profile_title="Asked at that very instant",
     short={
         "formula": ("formula written\nfor this robot", -1),
         "chebyshev": ("this framework", -1),
         "pinocchio_nodes": ("Pinocchio,\nour nodes", -1),
-        "mujoco_nodes": ("MuJoCo,\nour nodes", 0),
+        "mujoco_nodes": ("MuJoCo,\nour nodes", -1),
         "pinocchio": ("Pinocchio,\ntables", -1),
     },
 )
