@@ -203,7 +203,7 @@ def _bracket_capacity(
 
 
 def _least_peak(refusal: NoAnswer | None) -> float | None:
-    """Return the least peak of torque over its limit that the search behind a refusal found; None if unknown."""
+    """Return the least peak of torque over its limit that a refused search found; None if unknown."""
     evidence = getattr(refusal, "evidence", None)
     return evidence.least.torque_peak if isinstance(evidence, SearchEvidence) else None
 
