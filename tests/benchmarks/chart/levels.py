@@ -62,7 +62,7 @@ def _methods(name: str) -> list[Method]:
             level.summary,
             "plans",
             singles(1),
-            panel=f"{name}, scene {SCENES[name]}",
+            panel=f"scene {SCENES[name]} of {name}",
         )
         for level in LEVELS
     ]
