@@ -135,7 +135,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
         OutputError: it cannot be written.
     """
     file = FilePath(folder) / FILE
-    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan")
+    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan", overwrite=True)
     return file
 
 
