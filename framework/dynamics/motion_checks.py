@@ -66,8 +66,8 @@ def measure_residuals(branch: Branch, solution: DeflectionSolution, result: Inve
     # the load of an idle joint is no error of the series: `check_idle_joints` limits it
     residual[:, robot.structure.idle] = 0.0
     gaps = (
-        solution.motion.linearised.loops.residual,  # on the nodes
-        poses.linearised.loops.residual,  # at `times`
+        solution.motion.linearised.solved_residual,  # on the nodes
+        poses.linearised.solved_residual,  # at `times`
         poses.linearised.residual[:, : robot.n],  # of the platform equations, at `times`
     )
     return replace(
