@@ -107,12 +107,6 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
-        has_continuations = type2.branch is not branch  # `_measure_type_1` has added them
-        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
-            edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
-            branch = branch.through(edges, q)
-            type2 = replace(type2, branch=branch)
         contacts = find_contacts(type2, resolved)
         misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:
@@ -161,7 +155,7 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix.along(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
@@ -300,9 +294,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
-    points = stencil(s)
-    closed = branch.close(points)
-    linearised = closed.linearised.select(1)  # at s, the middle of the stencil
+    linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     path_twist = branch.robot.platform.path_twist(branch.path, s)
@@ -314,27 +306,26 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
         corank=uncontrolled.corank,
         twist=sign * uncontrolled.twist,
         platform=branch.path(s),
-        slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
+        slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
         q=linearised.frames.q[0],
         motion=sign * uncontrolled.motion,
         resolution=contact.resolution,
     )
 
 
-def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, corank: int) -> float:
+def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
     If several motions escape, the result is the least slope of their singular values, without sign.
 
     Args:
         passive: the matrix of the passive columns.
-        linearised: the loops on the `stencil` of s (T = 3).
         corank: number of motions that escape at s.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
     points = stencil(s)
-    P = passive.matrix(linearised)  # (3, n_p, n_p)
+    P = passive.evaluate(points)  # (3, n_p, n_p)
     local = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
         return local.slope

@@ -88,8 +88,9 @@ def test_springs_keep_their_deflections_along_a_path():
     robot = robots.load("five_bar", flexibility="flexible_links")
     q = assemble(robot).q
     way = follow_path(robot, Line(assemble(robot).x, [0.05, 0.3]), q)
-    for here in way.q:
-        np.testing.assert_array_equal(here[robot.elastic], q[robot.elastic])
+    for poses in (*way.panels, *way.steps):
+        deflections = poses.q[:, robot.elastic]
+        np.testing.assert_array_equal(deflections, np.broadcast_to(q[robot.elastic], deflections.shape))
 
 
 def test_a_path_of_other_coordinates_is_refused():
