@@ -72,8 +72,9 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
-    so they need not be refined again. Simple roots are refined with their panel's slope.
-    Where several singular values vanish at once, g has a multiple root, and the contact is located by the entries of the block G instead.
+    so they need not be refined again. Simple roots are refined with their panel's slope. Where several
+    singular values vanish at once, g has a multiple root, and the contact is located by the entries of the
+    block G instead.
 
     Args:
         measured: the matrix along the branch, whose loss of rank g measures.
