@@ -24,7 +24,7 @@ from framework.laws.law import MotionLaw, edges_of, law_derivatives
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid, real_roots
-from framework.singularity.bordered_system import root_of_g
+from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
@@ -200,7 +200,12 @@ def _rigid_crossing(
     )
 
 
-def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> SingularityCrossing:
+def deformed_crossing(
+    result: InverseDynamics,
+    at_rest: SingularityCrossing,
+    *,
+    law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
+) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
     Args:
@@ -214,8 +219,12 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = root_of_g(matrices, at_rest.time, high=result.duration).place
-    motion = result.motion(t)
+    t = at_rest.time
+    motion = result.motion(t)  # most laws are made for a crossing at this very instant
+    P = type2_matrix(robot, motion.linearised)
+    if np.abs(solve_bordered(P, Border.of(P)).g[0]) > law_root_rounding:
+        t = root_of_g(matrices, t, high=result.duration).place
+        motion = result.motion(t)
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign

@@ -46,7 +46,8 @@ from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
-ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
+# smaller steps are rounding and are not taken: of sums of a dozen terms, at angles that are 1e-15 apart
+ROUNDING_STEP = 1e-14
 
 
 def require_square(robot: ParallelRobot) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -48,22 +48,33 @@ from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
-    """A point of the path at which the motors do not hold the robot, springs at rest.
+    """A point of the path at which the motors do not hold the robot, springs at rest or deflected.
 
     Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
-    `resolution` is None for transversal points, and where it was not measured.
+    `resolution` is None for transversal points, and where it was not measured. At a point that the user
+    imposes (contact "imposed") the pose need not be singular; its motion is the least controlled one.
     """
 
     s: float
     kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
-    contact: str  # of the path with the locus: transversal or tangential
+    contact: str  # of the path with the locus: transversal, tangential or imposed
     corank: int  # number of motions that escape at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,) coordinates x
     slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
-    q: Array  # (nq,)
     motion: Array  # (nv,) joint rates of the twist
+    pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,)."""
+        return self.pose.frames.q[0]
+
+    @property
+    def is_imposed(self) -> bool:
+        """Whether the user imposes the point."""
+        return self.contact == "imposed"
 
 
 class SearchedPath(NamedTuple):
@@ -307,8 +318,8 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
         twist=sign * uncontrolled.twist,
         platform=branch.path(s),
         slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
-        q=linearised.frames.q[0],
         motion=sign * uncontrolled.motion,
+        pose=linearised,
         resolution=contact.resolution,
     )
 

@@ -20,7 +20,6 @@ from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
 from framework.laws.optimal_law import OptimalLaw
 from framework.laws.squared_speed import SpeedSpace
 from framework.numerics.arrays import Array
-from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
@@ -35,6 +34,7 @@ from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
@@ -53,7 +53,7 @@ def find_undeformed_law(task: Task) -> Best:
     return find_law(task, points)
 
 
-def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
+def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
     """Find the best law through crossing points.
 
     Damping is linearised about the previous law, until the error of the linearisation is small.
@@ -87,7 +87,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
 
 def adapt_found_law(
     task: Task,
-    points: Sequence[CrossingPoint],
+    points: Sequence[SingularPoint],
     best: Best,
     *,
     excess: float = 1.0,
@@ -117,7 +117,7 @@ def adapt_found_law(
 
 
 def problem_of(
-    task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
+    task: Task, points: Sequence[SingularPoint], speed_places: Sequence[float] | None = None
 ) -> LawProblem:
     """Return the problem of a task, without damping.
 
@@ -147,7 +147,7 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
+def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
@@ -179,7 +179,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     return float(np.abs(torque_error / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: OptimalLaw) -> OptimalLaw:
     """Find the law nearest in speed that meets condition (8) with damping, to rounding.
 
     Args:
