@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.forces import Forces, joint_forces
+from framework.dynamics.forces import Forces, joint_forces, tree_forces
 from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
@@ -40,6 +40,14 @@ from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
 # chooses the law for given deflections and the law of the last pass; both are None before the first pass
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
+
+
+class Checkpoints(NamedTuple):
+    """The undeformed motion apart from the nodes: at crossings, then between nodes or along the motion."""
+
+    times: Array  # (T,) [s]
+    motion: Motion
+    forces: Array  # (T, nv) r of the open tree
 
 
 class Pass(NamedTuple):
@@ -71,6 +79,7 @@ class DeflectionSolution:
     passes: int = 1
     change: float = 0.0  # by one more pass, over the largest deflection or spring force
     is_settled: bool = True  # as far as this grid allows
+    checkpoints: Checkpoints | None = None  # of a rigid robot
 
 
 def solve_deflections(
@@ -82,6 +91,7 @@ def solve_deflections(
     *,
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
+    at_rest: Pass | None = None,
 ) -> DeflectionSolution:
     """Solve for deflections and forces at the nodes of the grid.
 
@@ -93,19 +103,19 @@ def solve_deflections(
         tolerance: relative change of deflections that counts as settled.
         is_fine: whether the grid resolves the forces of the undeformed robot; if not, the iteration is left
             to a finer grid.
+        at_rest: the pass with springs at rest under the first law, if known.
 
     Raises:
         SpringsTooSoft: the forces of the undeformed robot deflect springs beyond the range of a linear one.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-    current = evaluate_pass(branch, grid, first_law, at_rest, neighbour=None)
+    current = at_rest or pass_at_rest(branch, grid, first_law, np.empty(0))[0]
     if geometry == "rigid":
         return _small_displacements(branch, grid, current)
     _check_stiffness(robot, grid, current)
     if not is_fine(current):
-        solution = _solution_of_pass(robot, grid, current, at_rest)
+        solution = _solution_of_pass(robot, grid, current, current.deflections)
         return replace(solution, change=np.inf)  # not converged on this grid, so that a finer one is tried
     return _iterate_passes(branch, grid, choose_law, tolerance, current)
 
@@ -253,6 +263,27 @@ def _relative_size(
 
 
 # ------------------------------------------------------------------ one pass
+
+
+def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> tuple[Pass, Checkpoints]:
+    """Compute the pass with springs at rest on the nodes of the grid, and the motion at other instants.
+
+    All instants are one stack, whose loops are closed and whose motion is computed once.
+
+    Args:
+        beside: instants (k,) [s] apart from the nodes, where the motor torques may have no value.
+    """
+    robot = branch.robot
+    times = np.concatenate([grid.times, beside])
+    still = np.zeros((len(times), robot.n_e))
+    both = motion_with_deflections(branch, times, law, (still, still, still))
+    count = len(grid.times)
+    motion, aside = both.select(slice(count)), both.select(slice(count, None))
+    forces = joint_forces(robot, motion)
+    caused = -forces.spring_force / robot.stiffness  # Eq. (3b) with linear springs
+    at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
+    checkpoints = Checkpoints(beside, aside, tree_forces(robot, aside))
+    return Pass(law, at_rest, still[:count], motion, forces, caused), checkpoints
 
 
 def evaluate_pass(

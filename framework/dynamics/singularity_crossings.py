@@ -8,6 +8,7 @@ t_s . W_p = eta . r is the power in this motion of the forces r that the planned
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, escape_error
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
+from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -100,9 +101,16 @@ def find_instants(law: MotionLaw, edges: Array, s: float, *, newton_steps: int =
     return times[is_new]
 
 
-def rigid_crossings(
+class CrossedPoint(NamedTuple):
+    """An instant [s] at which a law passes a singular point of the undeformed robot."""
+
+    time: float
+    point: SingularPoint
+
+
+def find_crossed_points(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
-) -> tuple[SingularityCrossing, ...]:
+) -> list[CrossedPoint]:
     """Find all instants at which the undeformed robot passes a singular point.
 
     Args:
@@ -113,40 +121,80 @@ def rigid_crossings(
     """
     for singular in points:
         check_kind(branch.robot, singular)
+    if not points:
+        return []
     edges = panel_edges(branch, law)
-    # every instant of a crossing, with the singular point
-    crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
-    if not crossed:
-        return ()
-    # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
-    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
-    speeds = np.abs(s_and_rates[1])
-    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
+    crossed = [CrossedPoint(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
+    speeds = np.abs(law(np.array([t for t, _ in crossed]), 1))
+    largest_speed = np.abs(law(np.linspace(0.0, law.duration, SAMPLES), 1)).max()
+    stops = speeds <= STOP_AT_CROSSING * largest_speed
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
         )
-    # the samples are approximate poses, which are enough for the size of the forces
-    q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s_and_rates[0][-SAMPLES:])])
-    forces = _undeformed_forces(branch, q, s_and_rates)
-    return tuple(
-        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([forces[k], forces[-SAMPLES:]]))
-        for k, (t, singular) in enumerate(crossed)
-    )
+    return crossed
 
 
-def _undeformed_forces(branch: Branch, q: Array, s_and_rates: list[Array]) -> Array:
-    """Compute the forces (T, nv) of the open tree at q (T, nq) along the path.
+def rigid_crossings(
+    branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
+) -> tuple[SingularityCrossing, ...]:
+    """Find all instants at which the undeformed robot passes a singular point, with t_s . W_p.
 
     Args:
-        s_and_rates: the path coordinate and its first two time derivatives, each (T,).
+        points: the singular points of the path.
+
+    Raises:
+        NoLaw: as `find_crossed_points`.
     """
-    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
-    motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
-    return tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
+    crossed = find_crossed_points(branch, points, law)
+    if not crossed:
+        return ()
+    # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
+    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
+    motion = motion_at(branch.robot, branch.close(s_and_rates[0]), dx, ddx)
+    forces = tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
+    return measure_crossings(branch.robot, law, crossed, forces[:-SAMPLES], forces[-SAMPLES:])
+
+
+def measure_crossings(
+    robot: ParallelRobot, law: MotionLaw, crossed: list[CrossedPoint], at_points: Array, along: Array
+) -> tuple[SingularityCrossing, ...]:
+    """Compute t_s . W_p = eta . r of the undeformed robot at each of k crossed points.
+
+    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
+
+    Args:
+        at_points: (k, nv) forces r of the open tree at the crossed points.
+        along: (M, nv) forces r along the motion, for the size of their terms.
+    """
+    # the scale of eta . r is the largest sum of sizes of its terms along the motion, or that of inertia
+    inertial_force = robot.mass * robot.length / law.duration**2
+    crossings = []
+    for (t, singular), r in zip(crossed, at_points, strict=True):
+        eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
+        if singular.corank > 1:
+            eta = escaping_motions(robot, singular.pose, at_least=singular.corank).motions
+        sizes = np.abs(np.vstack([r, along])) @ np.abs(eta).T  # (1 + M, corank)
+        least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
+        scale = np.maximum(sizes.max(axis=0), least_scale)  # (corank,)
+        wrench = eta @ r  # (corank,)
+        worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
+        crossings.append(
+            SingularityCrossing(
+                time=t,
+                s=singular.s,
+                platform=singular.platform,
+                twist=singular.twist,
+                kind=singular.kind,
+                wrench=float(wrench[worst]),
+                scale=float(scale[worst]),
+            )
+        )
+    return tuple(crossings)
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
@@ -162,42 +210,6 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise escape_error(robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}")
     if singular.kind != "type_2":
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
-
-
-def _rigid_crossing(
-    robot: ParallelRobot, duration: float, t: float, singular: SingularPoint, forces: Array
-) -> SingularityCrossing:
-    """Compute t_s . W_p = eta . r of the undeformed robot at a singular point.
-
-    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
-
-    Args:
-        duration: duration of the motion [s].
-        t: instant [s] at which the motion passes the point.
-        singular: the singular point, with its motion eta.
-        forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
-    """
-    eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
-    if singular.corank > 1:
-        linearised = linearised_at(robot, singular.q[None], singular.platform[None])
-        eta = escaping_motions(robot, linearised, at_least=singular.corank).motions
-
-    # the terms of eta . r; their scale is the largest sum of sizes along the motion, or that of inertia
-    terms = forces[:, None] * eta  # (1 + SAMPLES, corank, nv)
-    inertial_force = robot.mass * robot.length / duration**2
-    least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
-    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)  # (corank,)
-    wrench = terms[0].sum(axis=1)  # (corank,) at the point
-    worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
-    return SingularityCrossing(
-        time=t,
-        s=singular.s,
-        platform=singular.platform,
-        twist=singular.twist,
-        kind=singular.kind,
-        wrench=float(wrench[worst]),
-        scale=float(scale[worst]),
-    )
 
 
 def deformed_crossing(
