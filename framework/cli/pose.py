@@ -167,7 +167,10 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
     """Find the pose nearest to a platform point: q (nq,), a sentence, the entry for JSON."""
-    nearest = nearest_pose(robot, point)
+    try:
+        nearest = nearest_pose(robot, point)
+    except NotAssembled as failure:  # no pose within ranges
+        return failure.q, str(failure).removeprefix(f"{robot.name}: "), {"stops": [str(failure)]}
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
         "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),

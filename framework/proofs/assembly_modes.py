@@ -38,6 +38,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
 from framework.model.description import AXES, Closure
@@ -318,7 +319,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
         for joint in range(1, model.njoints)
     ]
     for closure in robot.description.closures:
-        first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
+        first, second = (model.frames[frame_index(model, name)].parentJoint for name in closure.frames)
         forward.append(_Edge(first, second, joint=0, closure=closure, forward=True))  # no joint of the tree
     edges = list[_Edge]()  # in both directions
     for edge in forward:
@@ -403,7 +404,7 @@ class _Sampler(NamedTuple):
         closure with a length keeps the length. In a planar robot a closure with three free rotations turns
         about the normal alone, away from its attitude at the reference.
         """
-        ends = [self.robot.model.getFrameId(name) for name in closure.frames]
+        ends = [frame_index(self.robot.model, name) for name in closure.frames]
         placements = [self.robot.model.frames[k].placement for k in ends]
         locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
         distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput
+from framework import InvalidInput, OutOfReach, ParallelRobot, assemble, dynamics_at
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -142,3 +142,23 @@ def test_what_is_not_paved_is_said_to_be_more():
     found = working_modes(robot, robot.reference.x)
     assert (found.status, found.proved_legs) == ("at least", (False,))
     assert "4 or more of hinge_1" in found.sentence
+
+
+def test_a_link_may_be_called_like_a_joint_or_like_pinocchios_base(write_robot):
+    """In MJCF a body and its joint often share a name; each look-up of a frame states its type."""
+    links = {"left_crank": "left_motor", "left_rod": "left_elbow", "right_crank": "universe"}
+    changes = []
+    for link, name in links.items():
+        changes += [
+            (f'{end}="{link}"', f'{end}="{name}"') for end in ("link name", "child link", "parent link")
+        ]
+    robot = ParallelRobot.from_file(write_robot(urdf=tuple(changes)))
+    expected = assembly_modes(robots.load("five_bar"), [1.2, 1.9])
+    found = assembly_modes(robot, [1.2, 1.9])
+    np.testing.assert_allclose(
+        [mode.x for mode in found.modes], [mode.x for mode in expected.modes], atol=1e-12
+    )
+    with pytest.raises(OutOfReach, match=r"links in one line reach 0\.7 m"):
+        assemble(robot, [0.9, 0.3])
+    force = {"universe": [1.0, 2.0, 0, 0, 0, 0]}
+    assert np.isfinite(dynamics_at(robot, robot.reference.q, wrenches=force).torque).all()

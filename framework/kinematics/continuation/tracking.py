@@ -276,7 +276,7 @@ def _longest_reach(robot: ParallelRobot) -> float:
     floating joint, makes the length practically infinite.
     """
     model = robot.model
-    frame = model.frames[model.getFrameId(robot.description.platform.frame)]
+    frame = model.frames[robot.frames[0]]  # the platform's frame
     reach = float(np.linalg.norm(frame.placement.translation))
     for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
         joint = model.joints[k]
