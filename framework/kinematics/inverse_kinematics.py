@@ -47,7 +47,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 # smaller steps are rounding and are not taken: of sums of a dozen terms, at angles that are 1e-15 apart
-ROUNDING_STEP = 1e-14
+ROUNDING_STEP = 3e-14
 
 
 def require_square(robot: ParallelRobot) -> None:

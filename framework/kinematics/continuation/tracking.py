@@ -87,19 +87,31 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if x is None:
         return reference
     target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
-    distance = float(np.abs(target - reference.x).max())
-    if distance == 0.0:
+    if np.array_equal(target, reference.x):
         return reference
     require_square(robot)
-    if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
-        linearised = close_loops(robot, target[None], reference.q[None]).linearised
-        steps = 1
-    else:
-        segment = Line(reference.x, target)
-        followed = _follow_to_end(robot, segment, reference.q, "the way from the reference to the point")
-        linearised = followed.last.linearised
-        steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
+    linearised, steps = _reach(robot, target)
     return Configuration(linearised.frames.q[0], target, float(np.abs(linearised.residual).max()), steps)
+
+
+def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
+    """Close the loops with the platform at x (n,), in the working mode of the reference.
+
+    Returns:
+        The loops at the pose (T = 1); the number of poses on the way.
+
+    Raises:
+        OutOfReach, Type1Singularity, UncontrolledMotions: as `track_path`.
+    """
+    reference = robot.reference
+    distance = float(np.abs(x - reference.x).max())
+    if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
+        return close_loops(robot, x[None], reference.q[None]).linearised, 1
+    start = linearised_at(robot, reference.q[None], reference.x[None])
+    segment = Line(reference.x, x)
+    followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
+    steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
+    return followed.last.linearised, steps
 
 
 def track_path(robot: ParallelRobot, path: Path) -> Branch:
@@ -118,29 +130,30 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
-    start = assemble(robot, path(0.0))
-    followed = _follow_to_end(robot, path, start.q, "the path")
+    start, _ = _reach(robot, finite_numbers("the start of the path", path(0.0), robot.n))
+    followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
 
 
-def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool = False) -> FollowedPath:
-    """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
+def follow_path(
+    robot: ParallelRobot, path: Path, pose: LinearisedLoops, *, to_the_end: bool = False
+) -> FollowedPath:
+    """Follow the path from a pose (T = 1) at s = 0 until path or branch ends.
 
-    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
-    A branch ends at a Type 1 singularity.
+    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep their deflections. A
+    branch ends at a Type 1 singularity.
 
     Args:
         to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
             the last pose lies just before it.
 
     Raises:
-        NotAssembled: the pose q is singular to the last bit.
+        NotAssembled: the pose is singular to the last bit.
     """
-    s = np.zeros(1)
-    start = with_tangents(robot, path, s, linearised_at(robot, q[None], path(s)))
+    start = with_tangents(robot, path, np.zeros(1), pose)
     panels = follow_panels(robot, path, start)
-    pose = panels[-1].last if panels else start
-    return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, pose, to_the_end=to_the_end)))
+    last = panels[-1].last if panels else start
+    return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
 
 
 def _follow_steps(
@@ -214,15 +227,15 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
 
 
-def _follow_to_end(robot: ParallelRobot, path: Path, q: Array, subject: str) -> FollowedPath:
-    """Follow the whole path from the pose q (nq,) at s = 0.
+def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subject: str) -> FollowedPath:
+    """Follow the whole path from a pose (T = 1) at s = 0.
 
     `subject` is the name of the path in errors.
 
     Raises:
         OutOfReach, Type1Singularity, UncontrolledMotions: the branch ends early.
     """
-    followed = follow_path(robot, path, q, to_the_end=True)
+    followed = follow_path(robot, path, pose, to_the_end=True)
     if not followed.complete:
         raise _branch_end_error(robot, path, followed.last, subject)
     return followed
