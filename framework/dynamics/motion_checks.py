@@ -270,10 +270,11 @@ def unseen_near_miss(
         solution: motion and forces on the nodes of the grid.
         result: the series through them.
     """
-    for miss in searched.near_misses:
-        if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
-            continue
-        for t in find_instants(solution.law, solution.grid.edges, miss.s):
+    # at the ends the motion is at rest and the nodes are dense
+    misses = [miss for miss in searched.near_misses if miss.s not in (0.0, 1.0)]
+    instants = find_instants(solution.law, solution.grid.edges, [miss.s for miss in misses])
+    for miss, times in zip(misses, instants, strict=True):
+        for t in times:
             if not _is_resolved_near(searched.branch, solution, result, miss, t):
                 return miss
     return None

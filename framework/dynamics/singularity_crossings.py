@@ -7,7 +7,7 @@ t_s . W_p = eta . r is the power in this motion of the forces r that the planned
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,37 +68,50 @@ def panel_edges(
         crossings = np.sort(np.fromiter(avoid, dtype=float))
         if len(crossings) > max_crossings_on_panel:
             edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
-    instants_of_knots = [find_instants(law, edges, knot) for knot in branch.knots]
-    return np.unique(np.concatenate([edges, *instants_of_knots]))
+    return np.unique(np.concatenate([edges, *find_instants(law, edges, branch.knots)]))
 
 
-def find_instants(law: MotionLaw, edges: Array, s: float, *, newton_steps: int = 3) -> Array:
-    """Find all instants (k,) [s] with law(t) = s, ascending.
+def find_instants(
+    law: MotionLaw, edges: Array, places: Sequence[float] | Array, *, newton_steps: int = 3
+) -> list[Array]:
+    """Find for each of k places s all instants [s] with law(t) = s, ascending.
 
     The roots of the law's Chebyshev series are refined by Newton's method on the law itself.
 
     Args:
         edges: instants [s] between which the law is smooth.
+        places: path coordinates (k,).
     """
+    if not len(places):
+        return []
     grid = TimeGrid(edges, 65)  # nodes per panel; Newton's method removes what the series does not resolve
-    function = grid.fit(np.asarray(law(grid.times))[:, None])
-    roots = []
-    for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
-        shifted = series.copy()
-        shifted[0] -= s  # the series of law(t) - s
-        t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
-        for _ in range(newton_steps if len(t) else 0):
-            residual = np.asarray(law(t)) - s
-            slope = np.asarray(law(t, 1))
-            # no step where the law stands still
-            step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
-            t = np.clip(t - step, start, end)
-        is_root = np.abs(np.asarray(law(t)) - s) < LAW_ROOT_ROUNDING  # an extremum close to s is none
-        roots.append(t[is_root])
-    times = np.sort(np.concatenate(roots))
+    series = grid.fit(np.asarray(law(grid.times))[:, None]).coefficients[..., 0]  # (panels, 65)
+    # on a panel s is nowhere farther from its first coefficient than the sum of the other ones
+    reach = np.abs(series[:, 1:]).sum(axis=1) + LAW_ROOT_ROUNDING
+    starts = edges[:-1]
+    widths = np.diff(edges)
+    times, owners, panels = list[float](), list[int](), list[int]()  # of the R roots of all places
+    for k, s in enumerate(places):
+        for panel in np.flatnonzero(np.abs(series[:, 0] - s) <= reach):
+            shifted = series[panel].copy()
+            shifted[0] -= s  # the series of law(t) - s
+            roots = starts[panel] + 0.5 * widths[panel] * (real_roots(shifted) + 1.0)
+            times += roots.tolist()
+            owners += [k] * len(roots)
+            panels += [int(panel)] * len(roots)
+    t = np.array(times)  # (R,)
+    owner = np.array(owners, dtype=int)
+    targets = np.array(places)[owner]
+    for _ in range(newton_steps if len(t) else 0):
+        slope = np.asarray(law(t, 1))
+        # no step where the law stands still
+        step = np.divide(np.asarray(law(t)) - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
+        t = np.clip(t - step, starts[panels], edges[1:][panels])
+    is_root = np.abs(np.asarray(law(t)) - targets) < LAW_ROOT_ROUNDING  # an extremum close to s is none
+    instants = [np.sort(t[is_root & (owner == k)]) for k in range(len(places))]
     # a root at an edge is found on both panels
-    is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])
-    return times[is_new]
+    apart = SAME_PLACE * (edges[-1] - edges[0])
+    return [roots[np.diff(roots, prepend=-np.inf) > apart] for roots in instants]
 
 
 class CrossedPoint(NamedTuple):
@@ -124,7 +137,13 @@ def find_crossed_points(
     if not points:
         return []
     edges = panel_edges(branch, law)
-    crossed = [CrossedPoint(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
+    # every instant of a crossing, with the singular point
+    instants = find_instants(law, edges, [point.s for point in points])
+    crossed = [
+        CrossedPoint(float(t), point) for point, times in zip(points, instants, strict=True) for t in times
+    ]
+    if not crossed:
+        return []
     speeds = np.abs(law(np.array([t for t, _ in crossed]), 1))
     largest_speed = np.abs(law(np.linspace(0.0, law.duration, SAMPLES), 1)).max()
     stops = speeds <= STOP_AT_CROSSING * largest_speed

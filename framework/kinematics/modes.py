@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -161,43 +162,44 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     Raises:
         InvalidInput: the platform does not determine the joints.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
-
     require_square(robot)
-    pattern = csr_array(robot.equations.pattern[:, robot.moving].astype(float))  # (n + m, moving)
-    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) an equation for each column
-    matched = pattern[row_of]  # rows permuted so that the diagonal is full
-    # the irreducible blocks are the strongly connected components of the columns' graph
-    count, label = connected_components(matched, directed=True, connection="strong")  # (columns,) leg of each
-
-    needs = _leg_dependencies(count, label, *matched.nonzero())
+    pattern = robot.equations.pattern[:, robot.moving]  # (n + m, columns)
+    row_of = _match_rows(pattern)  # (columns,) an equation for each column
+    # which columns a column needs, directly or through others: no chain of needs is longer than `columns`
+    needs = np.linalg.matrix_power(pattern[row_of] | np.eye(len(row_of), dtype=bool), len(row_of))
+    is_one_leg = needs & needs.T  # the irreducible blocks: columns that need each other
     all_legs = []
-    for k in range(count):
-        columns = np.flatnonzero(label == k)
+    for k in np.unique(is_one_leg.argmax(axis=1)):  # the first column of each leg; those of motors come first
+        columns = np.flatnonzero(is_one_leg[k])
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed_columns = np.flatnonzero(needs[k, label] & (label != k))  # in other legs
-        all_rows = np.sort(row_of[needs[k, label]])
+        needed = np.flatnonzero(needs[k] & ~is_one_leg[k])
+        all_rows = np.sort(row_of[needs[k]])
         twists = all_rows[all_rows < robot.n]  # the rows of the platform come first
-        all_legs.append(Leg(motors, row_of[columns], columns, needed_columns, twists))
-    # motors are the first columns; legs without a motor come last
-    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
+        all_legs.append(Leg(motors, np.sort(row_of[columns]), columns, needed, twists))
+    return tuple(all_legs)
 
 
-def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
-    """Compute whether leg i needs leg j, directly or through others, (count, count).
+def _match_rows(pattern: BoolArray) -> IntArray:
+    """Find rows (k,) of a pattern (k, k), one for each column, each once, by augmenting paths.
 
-    A leg also needs itself, so that the powers of the matrix keep shorter chains.
-
-    Args:
-        count: number of legs.
-        label: (columns,) leg of each column.
-        column: (E,) column that is solved with an equation, for each of the E entries of the equations.
-        contained: (E,) column of this entry, on which the equation depends.
+    Raises:
+        InvalidInput: there are none, so all matrices with this pattern are singular.
     """
-    needs = np.eye(count, dtype=bool)
-    needs[label[column], label[contained]] = True
-    return np.linalg.matrix_power(needs, count)  # the transitive closure: no chain is longer than `count`
+    column_of = dict[int, int]()  # by row
+
+    def match(column: int, tried: set[int]) -> bool:
+        """Give the column a row, other than those tried, moving the columns that have one already."""
+        for row in np.flatnonzero(pattern[:, column]).tolist():
+            if row not in tried:
+                tried.add(row)
+                if row not in column_of or match(column_of[row], tried):
+                    column_of[row] = column
+                    return True
+        return False
+
+    if not all(match(column, set()) for column in range(len(pattern))):
+        raise InvalidInput("the platform does not determine the joints")
+    return np.array(sorted(column_of, key=column_of.__getitem__), dtype=np.intp)
 
 
 def leg_slogdets(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

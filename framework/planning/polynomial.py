@@ -51,21 +51,23 @@ OF_A_SCENE = (
 )
 
 
-def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
     Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
     of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
     solved for together. The first law and the last one must advance.
 
+    Args:
+        searched: whether open times and speeds are searched if none of the first ones will do.
+
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    timing = timing_of(to_cross, request)
-    tracker = CrossingTracker(
-        to_cross.branch, to_cross.crossing_points, np.array([time for time, _ in timing])
-    )
+    timing = timing_of(to_cross, request, searched=searched)
+    times = np.array([time for time, _ in timing])
+    tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law of a pass at given deflections; check the first law.
@@ -282,8 +284,11 @@ def _solve_law(
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
-def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
+def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True) -> tuple[CrossingTime, ...]:
     """Return the times and speeds of the undeformed robot's crossings; choose the open ones.
+
+    Args:
+        searched: whether open ones are searched if none of the first ones will do.
 
     Raises:
         InvalidInput: a time is not inside the motion.
@@ -310,14 +315,14 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values)
 
-    return choose_timing(s, request, measure, to_cross.branch.robot.name)
+    return choose_timing(s, request, measure, to_cross.branch.robot.name, searched=searched)
 
 
 # ------------------------------------------------------------------ times and speeds of crossings
 
 
 def choose_timing(
-    s: Sequence[float], request: Request, measure: Measure, name: str
+    s: Sequence[float], request: Request, measure: Measure, name: str, *, searched: bool = True
 ) -> tuple[CrossingTime, ...]:
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
@@ -330,6 +335,7 @@ def choose_timing(
             least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
             does.
         name: name of the robot, for messages.
+        searched: whether times and speeds are searched if no candidate will do.
 
     Raises:
         NoLaw: the search finds no law that always advances.
@@ -337,18 +343,18 @@ def choose_timing(
     if request.times is not None and request.speeds is not None:
         # nothing is open; `check_advance` judges the law
         return _crossing_times(np.array([request.times, request.speeds]))
-    if len(s) > MAX_CROSSINGS:
-        raise NoLaw(
-            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
-            f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
-            f"all times and speeds"
-        )
     score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
+    if len(s) > MAX_CROSSINGS or not searched:
+        raise NoLaw(
+            f"{name}: none of {len(starts)} polynomials through the {len(s)} singular points keeps its speed "
+            f"above {COMFORTABLE_ADVANCE:g} of the mean, and no others are searched; cut the path, take law "
+            f"optimal, or give all times and speeds"
+        )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
@@ -376,7 +382,7 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
     ends = np.array([0.0, duration])
-    plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
+    plain_times = np.concatenate(find_instants(plain, ends, s))  # one each, as the law advances
     constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
     constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
 

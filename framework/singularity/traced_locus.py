@@ -50,6 +50,7 @@ BRANCH_POINT_RATIO = 1e-6
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
+SHARE_ROUNDING = 2e-12  # of the chord between two points: steps towards a root that are rounding
 
 
 class LocusPoint(NamedTuple):
@@ -251,38 +252,38 @@ def root_between(
     measure: Callable[[Points], float],
     *,
     small: float = 0.0,
+    iterations: int = 100,
 ) -> Points | None:
     """Find the point between neighbours `start` and `end` (S = 1) where a measure changes its sign.
 
-    Brent's method finds the share of the chord at which |measure| is at most `small`. If the corrector fails,
-    as near a branch point, the last corrected point is returned, or None without any.
+    The Illinois method finds the share of the chord at which |measure| is at most `small`: a secant between
+    both ends of the bracket, where the value of an end that stays twice in turn is halved. If the corrector
+    fails, as near a branch point, the last corrected point is returned, or None without any.
 
     Args:
         measure: computes the measure of a point (S = 1).
         small: |measure| that counts as zero, in the unit of the measure.
+        iterations: largest number of points between both.
     """
-    from scipy.optimize import brentq
-
     chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))  # length [rad, robot lengths]
     curvature = (end.tangent - start.tangent) / chord  # (1, k) of the curve between both, for the predictor
-    corrected = list[Points]()  # points of the curve computed so far, the last one nearest to the root
-
-    def value_at(share: float) -> float:
-        """Correct the point at a share of the chord; return its measure, with a value up to `small` as 0.
-
-        The point is appended to `corrected`. Where the corrector fails, 0 is returned.
-        """
-        if share in (0.0, 1.0):  # the neighbours themselves, without another correction
-            return measure(end if share else start)
+    shares, values = [0.0, 1.0], [measure(start), measure(end)]  # of the bracket's two ends
+    share, moved_end = 0.0, -1
+    root = None
+    for _ in range(iterations):
+        last, share = share, shares[0] - values[0] * (shares[1] - shares[0]) / (values[1] - values[0])
         point = advance(equations, start, share * chord, curvature)
-        if point is None:
-            return 0.0  # a root to Brent's method, which ends the iteration
-        corrected.append(point)
-        value = measure(point)
-        return value if abs(value) > small else 0.0
-
-    brentq(value_at, 0.0, 1.0)
-    return corrected[-1] if corrected else None
+        if point is None or abs(share - last) < SHARE_ROUNDING:
+            break
+        root, value = point, measure(point)
+        if abs(value) <= small:
+            break
+        end_to_move = 0 if value * values[0] > 0.0 else 1
+        shares[end_to_move], values[end_to_move] = share, value
+        if end_to_move == moved_end:
+            values[1 - end_to_move] *= 0.5
+        moved_end = end_to_move
+    return root
 
 
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:

@@ -545,14 +545,14 @@ def test_law(law):
     [(law, *change) for law, changes in MUTATIONS.items() for change in changes],
     ids=name,
 )
-def test_a_law_fails_without_a_term(law, function, old, new, monkeypatch):
+def test_no_term_is_idle(law, function, old, new, monkeypatch):
     monkeypatch.setattr(function, "__code__", mutated_code(function, old, new))
     with pytest.raises(AssertionError):
         law()
 
 
 @pytest.mark.parametrize("law", WITHOUT_ROUND_UP, ids=name)
-def test_a_law_fails_if_sums_are_not_rounded_up(law, monkeypatch):
+def test_rounding_up_is_not_idle(law, monkeypatch):
     for module_name, module in list(sys.modules.items()):
         if module_name.startswith("framework.proofs") and hasattr(module, "ROUND_UP"):
             monkeypatch.setattr(module, "ROUND_UP", 1.0)

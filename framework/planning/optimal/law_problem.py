@@ -218,17 +218,18 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         torque: torques of one motor [N m] at xi (M,), affine in the coefficients of z.
         conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
+    C = conditions.matrix
+    gram = (C @ C.T).toarray()  # (k, k)
+    products = (torque.matrix @ C.T).toarray()  # (M, k)
+    shares = np.zeros_like(products)
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
-        C = conditions.matrix[chosen]
-        products = (torque.matrix @ C.T).toarray()  # (M, k)
+        beside = np.flatnonzero(np.abs(xi - crossing) < POLE_WIDTH)
+        left = products[beside][:, chosen] - shares[beside] @ gram[:, chosen]  # of the rows so far
         # least squares, as conditions may depend on each other
-        share = np.linalg.lstsq((C @ C.T).toarray(), products.T, rcond=None)[0].T
-        is_beside = np.abs(xi - crossing) < POLE_WIDTH
-        share = is_beside[:, None] * share
-        matrix = torque.matrix - csr_array(share) @ C
-        torque = Affine(matrix, torque.offset - share @ conditions.offset[chosen])
-    return torque
+        share = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], left.T, rcond=None)[0].T
+        shares[np.ix_(beside, chosen)] = share
+    return Affine(torque.matrix - csr_array(shares) @ C, torque.offset - shares @ conditions.offset)
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
