@@ -38,6 +38,7 @@ class TrackedPoints(NamedTuple):
     pose: LinearisedLoops  # at these points, T = k
     deflections: Array  # (k, n_e) [m, rad] of the poses
     slopes: Array  # (k,) dg/ds
+    border: Border | None = None  # of g; None before the first deflections
 
     @staticmethod
     def at_rest(branch: Branch, points: Sequence[SingularPoint]) -> TrackedPoints:
@@ -66,7 +67,7 @@ def track_points(
         NoLaw: the deflected robot has no singular point near one of them.
     """
     robot = branch.robot
-    s, pose, _, slopes = start
+    s, pose, _, slopes, border = start
     spring_step = deflections - start.deflections
     step = g = np.full(len(s), np.nan)
     for _ in range(max_iterations):
@@ -78,10 +79,11 @@ def track_points(
         pose = linearised_at(robot, q, x)
         spring_step = np.zeros_like(spring_step)
 
-        # a secant step of g, which has the sign of det P
+        # a secant step of g; with the border of a pose beside the root it has the sign of det P
         P = type2_matrix(robot, pose)
+        border = border or Border.of(P)
         last_g, last_size = g, np.abs(step).max(initial=0.0)
-        g = solve_bordered(P, Border.of(P)).g
+        g = solve_bordered(P, border).g
         is_secant = np.abs(step) > least_secant
         slopes = np.where(is_secant, (g - last_g) / np.where(is_secant, step, 1.0), slopes)
         step = -g / np.where(slopes == 0.0, np.nan, slopes)
@@ -90,7 +92,7 @@ def track_points(
             break
         s = s + step
         if (size < last_step and last_size < last_step) or size < rounding:
-            return TrackedPoints(s, pose, deflections, slopes)
+            return TrackedPoints(s, pose, deflections, slopes, border)
     worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {worst:.6g}; the deflections are "

@@ -35,6 +35,7 @@ from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
 # nodes of a panel; an even number, so that none is in the middle, where crossings often are
 SHEET_NODES = 32
 COARSE_NODES = 9  # first nodes of a panel, from whose polynomial the others are closed
+MAX_STEPS = 7  # of Newton's method; a panel that needs more is halved
 MIN_SHEET_PANEL = 1 / 32  # width in s; where this is too wide, the branch is followed step by step
 
 
@@ -117,12 +118,13 @@ def _close_panel(
         pose_of_each = pose.linearised.frames.select(np.zeros(COARSE_NODES, dtype=np.intp))
         platform_step = -robot.platform.residual(pose_of_each, coarse_x)  # (COARSE_NODES, n)
         step = joint_rates(robot, pose.linearised, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
-        coarse = close_each(robot, coarse_x, integrate(robot, pose.q, step), enough=1e-2)
+        guess = integrate(robot, pose.q, step)
+        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=1e-2)
         if not coarse.closed.all():
             return None
         offsets = _from_coarse_nodes() @ difference(robot, pose.q, coarse.q)  # (SHEET_NODES, nv)
         s = panel_nodes(start, end)
-        closing = close_each(robot, path(s), integrate(robot, pose.q, offsets))
+        closing = close_each(robot, path(s), integrate(robot, pose.q, offsets), iterations=MAX_STEPS)
         return with_tangents(robot, path, s, closing.linearised) if closing.closed.all() else None
     except NotAssembled:  # a pose is singular to the last bit
         return None
