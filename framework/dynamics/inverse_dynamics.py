@@ -19,7 +19,6 @@ import numpy as np
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
     Checkpoints,
-    DeflectionSolution,
     LawChoice,
     Pass,
     assess_deflections,
@@ -301,7 +300,7 @@ class _Refinement:
         has_stalled = len(changes) > 2 and 2.0 * min(changes[-2:]) > changes[-3]
         return self.known is not None or has_stalled
 
-    def solve(self, size: int) -> DeflectionSolution:
+    def solve(self, size: int) -> Pass:
         """Solve for motion, forces and deflections on a grid of `size` nodes per panel.
 
         No node is at a crossing. The crossings are those of the undeformed robot, because the passes begin
@@ -380,7 +379,7 @@ class _Refinement:
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, solution: DeflectionSolution) -> InverseDynamics:
+    def evaluate(self, solution: Pass) -> InverseDynamics:
         """Return the result on one grid, and store its certificate and crossings for the next grid.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
@@ -431,9 +430,7 @@ class _Refinement:
         return replace(result, crossings=self.crossings)
 
 
-def _check_result(
-    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, friction: str
-) -> InverseDynamics:
+def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, friction: str) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
@@ -500,9 +497,7 @@ def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _largest_tail(
-    robot: ParallelRobot, grid: TimeGrid, solution: Pass | DeflectionSolution, torques: TimeFunction
-) -> float:
+def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques: TimeFunction) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
     Args:

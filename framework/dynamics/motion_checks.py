@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import DeflectionSolution, spring_scale
+from framework.dynamics.elasticity import Pass, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
@@ -46,7 +46,7 @@ from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
 
 
-def measure_residuals(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> Certificate:
+def measure_residuals(branch: Branch, solution: Pass, result: InverseDynamics) -> Certificate:
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
@@ -98,7 +98,7 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     return gap
 
 
-def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> float:
+def check_idle_joints(branch: Branch, solution: Pass, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
     No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
@@ -169,9 +169,7 @@ def between_nodes(grid: TimeGrid) -> Array:
     return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
 
 
-def _missing_forces(
-    branch: Branch, solution: DeflectionSolution, result: InverseDynamics
-) -> tuple[Array, Array, Array]:
+def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> tuple[Array, Array, Array]:
     """Compute the forces missing for balance between the nodes, and with idle joints on the nodes, too.
 
     On the nodes the equations of all joints but the idle ones hold by construction.
@@ -210,7 +208,7 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
     return branch.load_motion(motion_at(robot, branch.close(s_and_rates[0]), dx, ddx), s_and_rates[0])
 
 
-def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> None:
+def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
     """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
 
     At the reference such an equation follows from the others. It may not do so elsewhere.
@@ -261,9 +259,7 @@ def _residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Arra
     return residual
 
 
-def unseen_near_miss(
-    searched: SearchedPath, solution: DeflectionSolution, result: InverseDynamics
-) -> NearMiss | None:
+def unseen_near_miss(searched: SearchedPath, solution: Pass, result: InverseDynamics) -> NearMiss | None:
     """Find the first near miss at which the torques differ from their series, if any.
 
     Args:
@@ -281,7 +277,7 @@ def unseen_near_miss(
 
 
 def _is_resolved_near(
-    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+    branch: Branch, solution: Pass, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
     """Return whether the series of the torques is accurate at a near miss.
 
@@ -329,7 +325,7 @@ def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
     )
 
 
-def unsettled_error(robot: ParallelRobot, solution: DeflectionSolution) -> NotConverged:
+def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
     """Return the error for deflections that did not converge, with the largest deflection.
 
     Args:

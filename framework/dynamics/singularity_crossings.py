@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.elasticity import Pass
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
@@ -292,7 +292,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     )
 
 
-def check_crossings(robot: ParallelRobot, solution: DeflectionSolution, result: InverseDynamics) -> None:
+def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> None:
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
     An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.

@@ -219,8 +219,9 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     C = conditions.matrix
-    gram = (C @ C.T).toarray()  # (k, k)
-    products = (torque.matrix @ C.T).toarray()  # (M, k)
+    C_transposed = C.toarray().T  # (n, k)
+    gram = C @ C_transposed  # (k, k)
+    products = torque.matrix @ C_transposed  # (M, k)
     shares = np.zeros_like(products)
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
