@@ -31,8 +31,8 @@ from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.numerics.banded_lu import Factors
-from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import FILE_ROUNDING, RANK_LOST
+from framework.numerics.ordered_sums import matvec, singular_values
+from framework.tolerances import FILE_ROUNDING, LOOP_RATE, RANK_LOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +238,22 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
     return scale_jacobian(robot, linearised.closures, robot.loop_rotation)
+
+
+def require_closed_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, v: Array, name: str = "v"
+) -> None:
+    """Raise InvalidInput if joint rates v (T, nv) called `name` open the loops: J v must be rounding."""
+    speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
+    loop_rates = np.abs(matvec(scaled_loops(robot, linearised), speeds)).max(axis=1, initial=0.0)
+    opening_rows = np.flatnonzero(loop_rates > LOOP_RATE * np.abs(speeds).max(axis=1, initial=1.0))
+    if len(opening_rows):
+        first = opening_rows[0]
+        row = f", row {first}" if len(v) > 1 else ""
+        raise InvalidInput(
+            f"{name}{row}: the loops of {robot.name} open with {loop_rates[first]:.3g} rad/s or robot "
+            f"lengths/s; see `dynamics_at`"
+        )
 
 
 def moving_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -59,6 +59,19 @@ class Motion:
         """Return the same motion under external wrenches."""
         return replace(self, wrenches=wrenches) if wrenches else self
 
+    def select(self, which: slice) -> Motion:
+        """Return the motion at the instants `which`."""
+        wrenches = tuple(
+            wrench._replace(
+                wrench=wrench.wrench[which],
+                generalised=wrench.generalised[which],
+                origin=wrench.origin[which],
+            )
+            for wrench in self.wrenches
+        )
+        linearised = self.linearised.select(which)
+        return Motion(self.q[which], self.v[which], self.a[which], linearised, wrenches)
+
 
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None

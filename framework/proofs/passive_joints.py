@@ -192,13 +192,12 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
     return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
-def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
+def distinct_rows(points: Array) -> list[int]:
+    """Return the indices of rows of points (T, d) that repeat no earlier row.
 
-    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles
-    [rad].
+    Each row is compared with the distinct rows before it. Angles are given as points exp(i angle) of the unit
+    circle, where whole turns make no difference; slides [robot lengths] may be given like angles [rad].
     """
-    points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()
     for k, point in enumerate(points):
         offsets = np.abs(points[distinct] - point).max(axis=1, initial=0.0)

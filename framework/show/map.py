@@ -251,7 +251,7 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
             "map.html",
             title=escape(heading),
             lead=escape(f"{LEAD} {ON_LOCUS}" if has_type2 else LEAD),
-            found=escape(f"Singular locus: {workspace.locus.sentence}."),
+            found=escape(f"Singular locus: {workspace.locus_sentence}."),
         ),
         _map_document(workspace, path),
         styles=["map.css"],

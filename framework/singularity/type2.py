@@ -25,7 +25,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
@@ -173,6 +173,14 @@ def sign_along(twist: Array, direction: Array) -> float:
 def has_signed_measure(robot: ParallelRobot) -> bool:
     """Return whether g has a sign, with passive joints and no redundant motors."""
     return robot.n_p > 0 and robot.n_a == robot.n
+
+
+def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the g (T,) of `singularity_measure` alone, in half of the time."""
+    P = type2_matrix(robot, linearised)
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+        return np.ones(len(P))
+    return np.asarray(least_singular_values(P) * np.linalg.slogdet(P).sign)
 
 
 class SingularityMeasure(NamedTuple):
