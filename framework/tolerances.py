@@ -46,6 +46,13 @@ Lengths are over the robot's, rates over the motion's. Seven digits leave 1e-7. 
 off by what a spring deflects; at 1e-7 files with six digits are refused, or their axes told apart.
 """
 
+LOOP_RATE = 1e-5
+"""The rate at which loops may open [1/s], over the largest speed of a joint or 1/s if this is more.
+
+Simulated rates leave 1e-7, with method `fast` 2e-6, and of a robot at rest there is no speed to compare with.
+At 1e-6 simulated rows are refused; at 1e-4 rates pass that were typed with four digits.
+"""
+
 EXPORT_ROUNDING = 1e-4
 """The same of exported drawings: loops that stay open [robot lengths].
 

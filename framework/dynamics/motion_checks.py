@@ -65,8 +65,8 @@ def measure_residuals(branch: Branch, solution: Pass, result: InverseDynamics) -
     residual[:, robot.structure.idle] = 0.0
     poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
-        solution.motion.linearised.loops.residual,  # on the nodes
-        poses.loops.residual,  # at `times`, with the errors of the series
+        solution.motion.linearised.solved_residual,  # on the nodes
+        poses.solved_residual,  # at `times`, with the errors of the series
         poses.residual[:, : robot.n],  # of the platform equations, at `times`
     )
     return replace(

@@ -193,7 +193,7 @@ def _motion_of_twist(
         v = turns.add_turns(v)
 
     motions = frame_motions(robot, linearised.frames, v)
-    drift = closure_drift(robot.loops, motions)
+    drift = linearised.combine(closure_drift(robot.spanning_loops, motions))
     right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
     a = solve_rates(robot, linearised, right, ddq_e)
     if turns is not None:
@@ -226,7 +226,8 @@ def jacobian_rates(
     first = dW @ S_0 + linearised.wrenches @ S_1
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
-    return first * robot.equations.signs, second * robot.equations.signs
+    signs = robot.equations.signs
+    return linearised.combine_rows(first * signs), linearised.combine_rows(second * signs)
 
 
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
@@ -242,7 +243,9 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
     """
     c, dc, ddc = motions.rates  # (T, F, 4, 3) each
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
-    first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
+    first, second, at_rates = wrench_changes(
+        robot.spanning_loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc])
+    )
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.stack([first, second])
     return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)

@@ -267,7 +267,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     everywhere.
     """
     robot = branch.robot
-    if not len(robot.structure.dropped):
+    if not len(robot.structure.dropped) or robot.structure.varies:
         return
     all_loops = scaled_equations(robot, robot.rows, linearised.frames).jacobian[0]  # (rows, nv)
     all_values = singular_values(all_loops[:, robot.moving])
