@@ -76,9 +76,13 @@ class DerivativeBounds:
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
+        Where no m loop equations imply the others in all poses, those independent at the reference are taken.
+        If they have full rank, all have; but their root need not close the others.
+
         Raises:
             InvalidInput: joints are coupled, or a ball joint moves.
         """
+        robot = robot.with_fixed_rows(robot.structure.independent)
         excluded = list_unbounded_joints(robot)
         if excluded:
             raise InvalidInput(

@@ -234,6 +234,8 @@ def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: 
     transposed_border = Border(border.c, border.b)
     psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
-    force_changes = loop_curvature(robot, robot.loops, linearised.frames, multipliers)  # (T, nv, nv)
+    force_changes = loop_curvature(
+        robot, robot.spanning_loops, linearised.frames, linearised.spread(multipliers)
+    )  # (T, nv, nv)
     by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
     return MeasureGradient(solution.G[:, 0, 0], eta, by_q)
