@@ -283,7 +283,11 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
         for joint, arm in arms.items():  # one joint, or none that moves
             gear = drive.gear * arm
             if drive.is_motor and gear:
-                actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=drive.torque_limit))
+                # a motor on one joint stays there, also if this joint follows another
+                (name, own_arm), *others = drive.arms.items()
+                motor_joint, motor_gear = (joint, gear) if others else (name, drive.gear * own_arm)
+                motor = Actuator(motor_joint, abs(motor_gear), torque_limit=drive.torque_limit)
+                actuators.setdefault(joint, motor)
             if has_dynamics:
                 # before the gear the coordinate is gear * (arm q + constant): subtract its constant part
                 rest = drive.dynamics.rest - drive.gear * constant

@@ -161,7 +161,7 @@ def _from_yaml(
         )
     urdf = _find_urdf(path)
     with prefix_errors(urdf.name):
-        tree = UrdfTree(_parse_urdf(urdf))
+        tree = UrdfTree(_parse_urdf(urdf), base=options.base)
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
     return gepetto.read_pair(path, content, tree, options)
 

@@ -265,3 +265,153 @@ def test_usd_is_named_with_a_way_out(tmp_path):
     (tmp_path / "a.usda").write_text("#usda 1.0\n")
     with pytest.raises(RobotFileError, match="USD is not read; write it as URDF or MJCF"):
         read_any(tmp_path / "a.usda")
+
+
+def transmission(kind: str, *parts: str) -> str:
+    return f'<transmission name="t">{kind}{"".join(parts)}</transmission>'
+
+
+def part(tag: str, name: str, reduction: str = "") -> str:
+    return f'<{tag} name="{name}">{reduction}</{tag}>'
+
+
+SIMPLE = "<type>transmission_interface/SimpleTransmission</type>"
+
+
+@pytest.mark.parametrize(
+    ("more", "gear"),
+    [
+        (
+            transmission(
+                SIMPLE,
+                part("joint", "ja"),
+                part("actuator", "m", "<mechanicalReduction>7.5</mechanicalReduction>"),
+            ),
+            7.5,
+        ),
+        (
+            '<ros2_control name="h" type="system"><joint name="ja"><command_interface name="effort"/></joint>'
+            + transmission(
+                "<plugin>transmission_interface/SimpleTransmission</plugin>",
+                part("joint", "ja", "<mechanical_reduction>4</mechanical_reduction>"),
+                part("actuator", "m", "<mechanical_reduction>-2.5</mechanical_reduction>"),
+            )
+            + "</ros2_control>",
+            10.0,
+        ),
+        (transmission(SIMPLE, part("joint", "ja"), "<mechanicalReduction>3</mechanicalReduction>"), 3.0),
+    ],
+    ids=["ros", "ros2_control", "older"],
+)
+def test_the_reduction_of_a_transmission_is_the_gear_ratio(tmp_path, more, gear):
+    (motor,) = read(tmp_path, fingers(more)).description.actuators
+    assert (motor.joint, motor.gear_ratio) == ("ja", gear)
+
+
+def test_a_motor_on_a_joint_that_follows_another_stays_there(tmp_path):
+    """Joint jb turns by -2 ja, so that half the torque at jb does the same work."""
+    more = transmission(
+        SIMPLE, part("joint", "jb"), part("actuator", "m", "<mechanicalReduction>3</mechanicalReduction>")
+    )
+    description = read(tmp_path, fingers(more)).description
+    assert [(motor.joint, motor.gear_ratio) for motor in description.actuators] == [("jb", 3.0)]
+    follower = ParallelRobot.from_description(description)
+    leader = ParallelRobot.from_description(read(tmp_path, fingers(), motors=["ja"]).description)
+    plans = short_move(follower), short_move(leader)
+    assert [robot.actuator_names for robot in (follower, leader)] == [("jb",), ("ja",)]
+    assert all(plan.certificate.max_residual_torque < 1e-9 for plan in plans)
+
+
+@pytest.mark.parametrize("kind", ["DifferentialTransmission", "FourBarLinkageTransmission"])
+def test_transmissions_of_two_joints_are_named_with_their_reductions(tmp_path, kind):
+    more = transmission(
+        f"<plugin>transmission_interface/{kind}</plugin>",
+        part("joint", "ja", "<mechanical_reduction>2</mechanical_reduction>"),
+        part("joint", "jc"),
+        part("actuator", "m1", "<mechanical_reduction>50</mechanical_reduction>"),
+        part("actuator", "m2", "<mechanical_reduction>-50</mechanical_reduction>"),
+    )
+    parsed = read(tmp_path, fingers(more))
+    (told,) = [remark for remark in parsed.remarks if remark.startswith("not read: transmission 't'")]
+    assert f"{kind} of ja, jc (ja 2, m1 50, m2 -50)" in told
+    no_loop = re.sub("<mimic[^>]*>", "", fingers(more))
+    with pytest.raises(RobotFileError, match=f"not read: transmission 't', {kind} .*; a URDF without loops"):
+        read(tmp_path, no_loop)
+
+
+def test_the_default_namespace_of_a_file_is_none(tmp_path):
+    plain = read(tmp_path, fingers(), motors=["ja"]).description
+    named = read(tmp_path, fingers(head=' xmlns="http://www.ros.org"'), motors=["ja"]).description
+    assert (named.couplings, named.actuators, named.reference) == (
+        plain.couplings,
+        plain.actuators,
+        plain.reference,
+    )
+
+
+def test_one_of_several_trees_is_read(tmp_path):
+    shelf = link("shelf") + joint("slot", "shelf", "book") + link("book")
+    text = fingers(shelf)
+    with pytest.raises(RobotFileError, match="one root link, got palm, shelf; --base palm reads"):
+        read(tmp_path, text, motors=["ja"])
+    assert read(tmp_path, text, motors=["ja"], base="palm").description.couplings
+    with pytest.raises(RobotFileError, match=r"no joint moves|without loops|no loop"):
+        read(tmp_path, text, base="shelf")
+
+
+def test_a_planar_joint_is_read_where_it_is_held(tmp_path):
+    text = fingers().replace('<link name="palm"/>', '<link name="floor"/>' + link("palm"))
+    planar = joint("roll", "floor", "palm").replace("continuous", "planar")
+    text = text.replace("</robot>", f"{planar}</robot>")
+    held = read(tmp_path, text, motors=["ja"])
+    assert "held: roll (a free base, which no motor drives)" in held.remarks
+    said = {"motors": ["ja"], "axes": ["y"], "platform": "b"}
+    with pytest.raises(RobotFileError, match="joint 'roll': planar joints are only read where they are held"):
+        read_any(tmp_path / "robot.urdf", **said)
+    assert read_any(tmp_path / "robot.urdf", **said, locked={"roll": None}).couplings
+
+
+@pytest.mark.parametrize(
+    ("moments", "is_repaired"),
+    [
+        (("2e-07", "5e-07", "8e-07"), True),  # such as 2.4, 5.4 and 7.6
+        (("0.020", "0.051", "0.072"), True),  # 1 in the last digit, of 1.5 that rounding explains
+        (("0.020", "0.050", "0.072"), False),  # 2
+        (("2e-07", "5e-07", "7e-07"), None),  # possible as it is
+        (("1", "2", "4"), False),
+    ],
+)
+def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, is_repaired):
+    text = fingers()
+    for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True):
+        text = re.sub(rf'{key}="[^"]*"', f'{key}="{moment}"', text)
+    if is_repaired is False:
+        with pytest.raises(RobotFileError, match="has the principal moments"):
+            read(tmp_path, text, motors=["ja"])
+        return
+    parsed = read(tmp_path, text, motors=["ja"])
+    assert any("repaired in their last digit" in remark for remark in parsed.remarks) == bool(is_repaired)
+    inertia = parsed.urdf.find("link[@name='a']/inertial/inertia")
+    found = [float(inertia.get(key)) for key in ("ixx", "iyy", "izz")]
+    assert found[2] <= (found[0] + found[1]) * (1 + 1e-12)
+    for value, moment in zip(found, moments, strict=True):
+        assert abs(value - float(moment)) <= 0.5 * 10 ** -(7 if "e" in moment else 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="a"/></robot>',
+            "xacro FILE",
+        ),
+        ("<robot name='r'>\n<% n = 3 %>\n</robot>", "a template of ERB: fill it in first: erb FILE"),
+        (
+            "<robot name='r'>{% for a in b %}<link name='{{ a }}'/>{% endfor %}<</robot>",
+            "a template of Jinja",
+        ),
+    ],
+)
+def test_what_must_be_filled_in_first_is_told_so(tmp_path, text, words):
+    with pytest.raises(RobotFileError, match=re.escape(words)):
+        read(tmp_path, text)
