@@ -139,7 +139,8 @@ def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]
         for tag in ("mechanicalReduction", "mechanical_reduction"):
             for text in part.findall(tag):
                 label = f"{where}: <{tag}>"
-                yield part.get("name", ""), *parse_numbers(label, text.text, 1)
+                (reduction,) = parse_numbers(label, text.text, 1)
+                yield part.get("name", ""), reduction
 
 
 def _select_tree(root: Element, base: str | None) -> None:
@@ -383,7 +384,7 @@ class UrdfTree(Tree):
         name = transmission.get("name", "")
         where = f"transmission {name!r}"
         kind = (
-            transmission.findtext("type") or transmission.findtext("plugin") or transmission.get("type", "")
+            transmission.findtext("type") or transmission.findtext("plugin") or transmission.get("type") or ""
         )
         kind = kind.strip().rpartition("/")[2]
         joints = [joint.get("name", "") for joint in transmission.findall("joint")]
