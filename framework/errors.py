@@ -111,7 +111,7 @@ def round_up(value: float, digits: int) -> float:
 
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
-    names = sorted(valid)
+    names = sorted(set(valid))
     return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {list_names(names)})"
 
 

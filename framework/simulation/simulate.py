@@ -38,6 +38,7 @@ from framework.errors import (
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
+from framework.kinematics.linearised_loops import linearised_at, require_closed_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
@@ -419,6 +420,7 @@ def _consistent_start(
         q, v = _planned_start(robot, planned)
     if start_velocity is not None:
         v = finite_numbers("start_velocity", start_velocity, robot.nv)
+        require_closed_rates(robot, linearised_at(robot, q[None]), v[None], "start_velocity")
     torque = drive(np.zeros(1), q[None], v[None])[0]
     return consistent_state(equations, q, v, torque, drive.world)
 

@@ -445,3 +445,18 @@ def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, refusal
     (tmp_path / "robustness.json").write_text(json.dumps(saved))
     err = refusal(2, "robustness", tmp_path, "--replay", "0", "--controller", "lqr")
     assert "robustness.json" in err or str(tmp_path) in err
+
+
+def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
+    write_robot, crossing, tmp_path
+):
+    file = write_robot(*((f"actuators.{k}.torque_limit", 0.1) for k in range(2)))  # the law needs 0.16
+    plan = tmp_path / "lifted"
+    assert crossing("plan", file, "--scene", "C", "--torque-limit", "none", "--out", plan)[0] == 0
+    short = ("robustness", plan, "--runs", "2", "--period", "5e-3")
+    code, lifted, _ = crossing(*short)
+    assert code == 0
+    assert "100.0%" in lifted
+    assert "exceeds" not in lifted
+    _, bound, _ = crossing(*short, "--limit", "0.1")
+    assert "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
