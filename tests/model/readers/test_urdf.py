@@ -415,3 +415,42 @@ def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, i
 def test_what_must_be_filled_in_first_is_told_so(tmp_path, text, words):
     with pytest.raises(RobotFileError, match=re.escape(words)):
         read(tmp_path, text)
+
+
+def slide(offset: float) -> str:
+    """A finger that follows another, ahead by `offset` [rad]; both range from 0 to 0.8 rad."""
+    limit = '<limit lower="0" upper="0.8" effort="1" velocity="1"/>'
+    return (
+        f'<robot name="pair"><link name="palm"/>{link("a")}{link("b")}'
+        + joint("ja", "palm", "a", limit)
+        + joint("jb", "palm", "b", f'<mimic joint="ja" offset="{offset}"/>{limit}')
+        + "</robot>"
+    ).replace("continuous", "revolute")
+
+
+def test_a_reference_that_convert_moves_is_within_the_ranges_and_told(tmp_path):
+    """The least motion of both would take ja to -0.1 rad; ja = 0 and jb = 0.2 rad close it, too."""
+    parsed = read(tmp_path, slide(0.2), motors=["ja"])
+    reference = parsed.description.reference
+    assert reference["jb"] - reference["ja"] == pytest.approx(0.2, abs=1e-9)
+    assert -1e-9 <= reference["ja"] < 1e-3
+    (told,) = [remark for remark in parsed.remarks if remark.startswith("reference: ")]
+    assert re.fullmatch(r"reference: jb 0\.2 rad from the file's, closed; --reference chooses others", told)
+    chosen = read(tmp_path, slide(0.2), motors=["ja"], reference={"ja": 0.3, "jb": 0.5})
+    assert not [remark for remark in chosen.remarks if remark.startswith("reference: ")]
+    assert chosen.description.reference == pytest.approx({"ja": 0.3, "jb": 0.5})
+
+
+def test_a_reference_outside_the_ranges_is_told(tmp_path):
+    parsed = read(tmp_path, slide(0.2), motors=["ja"], reference={"ja": -0.3, "jb": -0.1})
+    assert (
+        "reference: outside the joints' ranges: ja at position -0.3 rad of 0; jb at position -0.1 rad of 0"
+        in (parsed.remarks)
+    )
+
+
+def test_the_posture_that_base_holds_is_told(tmp_path):
+    text = fingers().replace('<link name="palm"/>', '<link name="floor"/>' + link("palm"))
+    text = text.replace("</robot>", joint("waist", "floor", "palm") + "</robot>")
+    parsed = read(tmp_path, text, motors=["ja"], base="palm", reference={"waist": 0.4})
+    assert "held by --base, in the file's posture: waist 0.4" in parsed.remarks
