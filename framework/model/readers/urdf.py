@@ -253,13 +253,14 @@ def read_urdf(
     _close_joints_of_other_programs(tree)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    if not tree.closures and root.find("joint/mimic") is None:
+    if not (tree.closures or options.closures) and root.find("joint/mimic") is None:
         # such as a linkage behind a transmission
         unread = "".join(f"{remark.partition(': motors')[0]}; " for remark in tree.remarks)
         raise RobotFileError(
             f"{unread}a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, "
             f"<loop_joint> of Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or "
-            f"in a YAML file beside it (ours, or Gepetto's with closed_loop), and give that file"
+            f"in a YAML file beside it (ours, or Gepetto's with closed_loop), and give that file; or let "
+            f"`convert --close` close them in words"
         )
     dialect = dialect or ("onshape" if has_closing_frames else "urdf")
     for name in tree.motors:

@@ -454,3 +454,71 @@ def test_the_posture_that_base_holds_is_told(tmp_path):
     text = text.replace("</robot>", joint("waist", "floor", "palm") + "</robot>")
     parsed = read(tmp_path, text, motors=["ja"], base="palm", reference={"waist": 0.4})
     assert "held by --base, in the file's posture: waist 0.4" in parsed.remarks
+
+
+ARMS = f'<robot name="arms"><link name="base"/>{link("a")}{link("b")}{link("c")}' + "".join(
+    [
+        joint("ja", "base", "a"),
+        joint("jc", "a", "c"),
+        joint("jb", "base", "b"),
+        '<link name="end"/><joint name="at_end" type="fixed"><parent link="c"/><child link="end"/>'
+        '<origin xyz="0.2 0 0"/></joint>',
+        '<link name="tip"/><joint name="at_tip" type="fixed"><parent link="b"/><child link="tip"/>'
+        '<origin xyz="0.2 0.1 0"/></joint></robot>',
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("words", "locked", "length"),
+    [
+        ("end tip spherical", ("x", "y", "z"), None),
+        ("end tip revolute", ("x", "y", "z", "rx", "ry"), None),
+        ("end tip prismatic y", ("x", "z", "rx", "ry", "rz"), None),
+        ("end tip distance 0.15", ("distance",), 0.15),
+    ],
+)
+def test_a_loop_is_closed_in_words(tmp_path, words, locked, length):
+    with pytest.raises(RobotFileError, match="let `convert --close` close them in words"):
+        read(tmp_path, ARMS)
+    (closure,) = read(
+        tmp_path, ARMS, closures=[words.split()], motors=["ja"], platform="b", axes=["rz"]
+    ).description.closures
+    assert (closure.frames, closure.axes, closure.length) == (("end", "tip"), locked, length)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("end tip", "needs FRAME FRAME KIND"),
+        ("end top spherical", "unknown frame 'top'; did you mean 'tip'"),
+        ("end tip ball", "unknown closure kind 'ball'"),
+        ("end tip revolute w", "unknown closure axis 'w'"),
+        ("end c spherical", "both frames are on one rigid body"),
+        ("end tip distance", "length: needs 1 number"),
+        ("end tip distance -1", "the length must be greater than zero"),
+    ],
+)
+def test_words_that_close_no_loop_are_refused(tmp_path, words, message):
+    with pytest.raises(RobotFileError, match=f"--close {words}.*{message}"):
+        read(tmp_path, ARMS, closures=[words.split()])
+
+
+def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
+    """A folder for the package that they name finds them; the new robot file says where they are."""
+    mesh = '<visual><geometry><mesh filename="package://no_such_arm/meshes/{}.stl"/></geometry></visual>'
+    text = fingers(link("d", mesh.format("one") + mesh.format("two")) + joint("jd", "a", "d"))
+    (told,) = [remark for remark in read(tmp_path, text).remarks if "mesh" in remark]
+    first = "package://no_such_arm/meshes/one.stl"
+    assert (
+        told
+        == f"2 meshes are not found, such as {first}, and not drawn; --package no_such_arm=FOLDER says where"
+    )
+    (tmp_path / "here" / "meshes").mkdir(parents=True)
+    for name in ("one", "two"):
+        (tmp_path / "here" / "meshes" / f"{name}.stl").write_text("solid")
+    parsed = read(tmp_path, text, packages=[f"no_such_arm={tmp_path / 'here'}"])
+    assert not [remark for remark in parsed.remarks if "mesh" in remark]
+    assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
+    with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
+        read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])
