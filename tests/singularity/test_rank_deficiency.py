@@ -37,6 +37,7 @@ def measured(*entries, power=1):
     branch = SimpleNamespace(
         robot=SimpleNamespace(name="matrix"),
         path=SimpleNamespace(knots=np.empty(0)),
+        panels=(),
         close=lambda s: SimpleNamespace(linearised=s),
     )
     return MeasuredMatrix(branch, matrix, power)
