@@ -213,6 +213,13 @@ A smooth branch falls to rounding, a kink with a power of the degree. At 1e-10 t
 less; at 1e-12 some smooth branches are refused.
 """
 
+SHEET_TAIL = 1e-10
+"""Truncation error [rad, robot lengths] of the offsets on a panel of a path, below which it is resolved.
+
+From its series one Newton step closes a pose to rounding (1e-20 is left). At 1e-9 a torque needs a second
+stack of poses; at 1e-11 panels are halved near Type 1, where poses themselves are known to 1e-12.
+"""
+
 CONTINUATION_STEP = 0.3
 """A Newton step to the branch over the least singular value there: longer ones may land on another branch.
 

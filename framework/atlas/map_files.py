@@ -78,6 +78,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
         "status": workspace.locus_sentence,
         "traced": not workspace.locus.why_not,
         "curves": len(workspace.locus.curves),
+        "kinds": [curve.kind for curve in workspace.locus.curves],
         "sign_changes_of_g": workspace.locus.sign_changes,
         "unexplained_sign_changes": workspace.locus.unexplained.tolist(),
     }

@@ -61,6 +61,7 @@ DIFFERENCES = (  # of the robots from their model: option, default value, meanin
 )
 FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
+STORED_RUNS = 25  # in a stored chunk, at most
 MAX_RUNS = 1_000_000
 
 
@@ -199,6 +200,8 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)  # runs per process, rounded up
+    if stores:  # what is finished when the study is stopped is stored
+        chunk = min(chunk or STORED_RUNS, STORED_RUNS)
     report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():

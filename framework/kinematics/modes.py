@@ -26,6 +26,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
+from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import singular_values
@@ -72,6 +73,7 @@ def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
 class ModeStates(NamedTuple):
     """Quantities of T configurations that tell whether two of them share a working mode."""
 
+    bases: Array  # (T, R, m) of the ranges of the loops' rows, to which signs refer; (T, 0, 0) if R = m
     loops: Array  # (T, m, k) dimensionless Jacobian of the loops along the k moving joints
     signs: Array  # (T, legs) of the legs' determinants; 0 if dF/dq is singular to the last bit
     logarithms: Array  # (T, legs) of the sizes of these determinants
@@ -87,7 +89,7 @@ class ModeStates(NamedTuple):
         rates = np.zeros((len(signs), len(robot.moving), robot.n))
         solution = linearised.select(regular).factors.solve(unit_twists)  # (n, regular, k)
         rates[regular] = (solution / robot.column_scale[robot.moving]).transpose(1, 2, 0)
-        return ModeStates(moving_loops(robot, linearised), signs, logarithms, rates)
+        return ModeStates(linearised.bases, moving_loops(robot, linearised), signs, logarithms, rates)
 
 
 def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
@@ -113,7 +115,8 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
     shared: BoolArray = np.all(starts.signs * ends.signs, axis=1)
     regular = np.flatnonzero(shared)
     shared[regular] = _continues_map(starts.rates[regular], ends.rates[regular])
-    keeps = keeps_sign((starts.signs, starts.logarithms), (ends.signs, ends.logarithms)).all(axis=1)
+    end_signs = ends.signs * relative_orientation(starts.bases, ends.bases)[:, None]
+    keeps = keeps_sign((starts.signs, starts.logarithms), (end_signs, ends.logarithms)).all(axis=1)
     for k in np.flatnonzero(shared & ~keeps).tolist():
         # singular values change by no more than the matrix does (Weyl), so a larger one has not vanished
         change = np.linalg.norm(ends.loops[k] - starts.loops[k])

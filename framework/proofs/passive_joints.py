@@ -154,8 +154,11 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
 
     With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
-    loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
+    loops, and those of the platform if it is locked. The result is False unless k joints are unknown, and for
+    loops of which no k equations imply the others in all poses: the root of k of them may leave others open.
     """
+    if robot.structure.varies:
+        return False
     linearised = linearised_at(robot, q[None])
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops

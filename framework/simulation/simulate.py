@@ -26,7 +26,15 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotAssembled, check_choice, finite_numbers, whole_number
+from framework.errors import (
+    InvalidInput,
+    NotAssembled,
+    check_choice,
+    expect,
+    finite_numbers,
+    real_numbers,
+    whole_number,
+)
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
@@ -93,7 +101,7 @@ class Simulation(ReadOnlyArrays):
 
     def _states(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return coordinates (T, nq) and rates (T, nv) at t (T,) [s]."""
-        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
+        return self.trajectory(np.atleast_1d(real_numbers("t", t)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Compute platform coordinates (T, n) [m, rad] at t (T,) [s]; with order 1 the twist on its axes."""
@@ -309,6 +317,8 @@ def simulate(
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
+    for event in events if isinstance(events, list | tuple) else [events]:
+        expect("events", event, Event, "Event(lambda t, q, v: q[0])")
     settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, MIN_ROWS, MAX_ROWS)
     equations = EquationsOfMotion.of(robot, damping)

@@ -177,6 +177,20 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert main(["check", str(file), "--reference", *pasted]) == 0
 
 
+@pytest.mark.parametrize("kind", ["spherical", "fixed", "revolute"])
+def test_one_joint_that_cannot_close_its_loop_is_refused(tmp_path, kind):
+    """An arm of 1 m ends 2 m from a point at 3 m, wherever it turns within its range."""
+    limit = 'lower="-1" upper="1"'
+    arm = joint("arm", "base", kind="revolute", limit=limit, mass=1) + frame("tip", "arm_link", (1, 0, 0))
+    content = (
+        "platform: {joints: [arm]}\nactuators: [{joint: arm}]\n"
+        f"closures: [{{name: pin, frames: [post, tip], kind: {kind}}}]\n"
+    )
+    robot = linkage(tmp_path, arm + frame("post", "base", (3, 0, 0)), content)
+    with pytest.raises(NotAssembled, match="do not close"):
+        find_closed_pose(robot)
+
+
 def slider_crank(folder, reference, crank="", block='lower="-9" upper="9"'):
     """Crank 0.1 m, rod 0.26 m, a block on the x axis: at crank angle a it is at 0.1 cos a +- sqrt(...)."""
     elements = (
