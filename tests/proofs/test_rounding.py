@@ -570,11 +570,7 @@ MUTATIONS = {
     ],
     frames_are_bounded_at_a_point: [
         (remainders, "value_errors += rounding * (1 + radii", "value_errors += rounding * (radii"),
-        (
-            remainders,
-            "slopes=ROUND_UP * (by_H + 0.5 * by_T) + rounding",
-            "slopes=ROUND_UP * (by_H + 0.5 * by_T)",
-        ),
+        (remainders, " + rounding,", ","),
     ],
     measures_are_enclosed: [
         (measure, "slope_changes += _bilinear_form(psi_size, dP_size, eta_error)", "pass"),
