@@ -19,6 +19,7 @@ once per robot, on random walks from the reference, and searches start from the 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -28,6 +29,8 @@ import numpy as np
 from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
+from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     assembled_at,
@@ -36,6 +39,7 @@ from framework.kinematics.linearised_loops import (
     type1_matrix,
     type2_matrix,
 )
+from framework.kinematics.modes import leg_signs
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
@@ -366,16 +370,18 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     """Find the pose nearest to platform coordinates x (n,) within the joints' ranges.
 
     The pose is joined to the reference by steps within the ranges, on which every leg keeps its working mode.
-    The steps may cross Type 2 singularities. The pose is the best result of a few local searches, without a
-    proof that no other pose is nearer. The first call for a robot samples poses, which takes about a second.
+    A reference beyond the ranges is led into them first. The steps may cross Type 2 singularities. The pose
+    is the best result of a few local searches, without a proof that no other pose is nearer. The first call
+    for a robot samples poses, which takes about a second.
 
     Raises:
         InvalidInput: not n finite numbers; the platform does not determine the joints.
+        NotAssembled: the reference is beyond the ranges, and no pose within them was found in its mode.
     """
     expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     search = PoseSearch(robot)
-    sampled_q, sampled_x = _sample_poses(robot)  # (S, nq), (S, n)
+    sampled_q, sampled_x = _sample_poses(robot, _start_within_ranges(robot, search))  # (S, nq), (S, n)
     ends: list[NearestPose] = []
     for k in _choose_starts((sampled_x - target) / robot.platform_scale):
         ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
@@ -400,17 +406,41 @@ def _choose_starts(offsets: Array) -> list[int]:
     return starts
 
 
+def _start_within_ranges(robot: ParallelRobot, search: PoseSearch) -> tuple[float, ...]:
+    """Return the pose (nq,) of the reference's mode within ranges from which the search starts.
+
+    Where the branch of the reference ends on the way into the ranges, another pose is sought whose legs have
+    the same signs.
+    """
+    q = search.enter_ranges(robot.reference.q)
+    if q is not None:
+        return tuple(q.tolist())
+    with suppress(NotAssembled):
+        q = find_closed_pose(robot).q
+        signs = leg_signs(robot, linearised_at(robot, np.array([robot.reference.q, q])))  # (2, legs)
+        if (signs[0] == signs[1]).all():
+            return tuple(q.tolist())
+    raise NotAssembled(
+        f"{robot.name}: the reference lies beyond the joints' ranges, and no pose within them was found in "
+        f"its working mode",
+        q=robot.reference.q,
+        residual=robot.reference.residual,
+    )
+
+
 @lru_cache(maxsize=8)
-def _sample_poses(robot: ParallelRobot, *, walks: int = 64, walk_steps: int = 60) -> tuple[Array, Array]:
-    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
+def _sample_poses(
+    robot: ParallelRobot, start: tuple[float, ...], *, walks: int = 64, walk_steps: int = 60
+) -> tuple[Array, Array]:
+    """Sample poses q (S, nq) at x (S, n), joined to a `start` (nq,) within ranges.
 
     Each of `walks` random walks keeps its direction until a step is refused, at Type 1 or the end of a range.
     Then it continues in a new random direction. All poses of all walks are samples.
     """
     random = np.random.default_rng(0)
     # where the walks are
-    q = np.tile(robot.reference.q, (walks, 1))
-    x = np.tile(robot.reference.x, (walks, 1))
+    q = np.tile(start, (walks, 1))
+    x = robot.platform.unwrap(robot.platform.coordinates(frames_at(robot, q)), robot.reference.x)
     samples_q = [q]
     samples_x = [x]
     direction = np.zeros_like(x)

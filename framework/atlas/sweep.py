@@ -20,7 +20,7 @@ from framework.kinematics.continuation.predictor_corrector import measure_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks, linearised_at
-from framework.kinematics.modes import keeps_sign, keeps_working_mode
+from framework.kinematics.modes import ModeStates, share_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray
@@ -212,10 +212,7 @@ def _accept_steps(
     # `small`: the correction is small; `straight`: the tangent turns little
     accepted = measure.small.copy()
 
-    # the mode is the same if det dF/dq keeps its sign; if not, which is rare, modes are compared one by one
-    has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
-    for k in np.flatnonzero(accepted & ~has_same_sign).tolist():
-        accepted[k] = keeps_working_mode(robot, start.select(k), end.select(k)).item()
+    accepted &= share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
 
     # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
     turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much

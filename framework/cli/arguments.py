@@ -312,9 +312,9 @@ _OF_A_PLAN = (
 # ------------------------------------------------------------------ files of --out
 
 
-def write_page(file: FilePath, page: str | bytes) -> Report:
+def write_page(file: FilePath, page: str | bytes, options: Namespace) -> Report:
     """Write one file and return the report on its name and size."""
-    write_file(file, page)
+    write_file(file, page, overwrite=options.overwrite)
     size = file.stat().st_size
     return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
 

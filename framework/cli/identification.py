@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_robot
+from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot
 from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.conversions import Conversions
@@ -53,6 +53,7 @@ def add_calibrate_options(parser: OneLineParser) -> None:
         text = f"standard deviation of the file's own [{unit}] (default: {default:.3g})"
         add_number(group, flag, "E", text, default=default)
     add_out(parser, "write the robot file and its URDF there")
+    add_overwrite(parser)
 
 
 def run_calibrate(options: Namespace) -> Report:
@@ -70,7 +71,9 @@ def run_calibrate(options: Namespace) -> Report:
     )
     document = calibration.to_dict()
     if options.out is not None:
-        options.written = document["robot_file"] = str(calibration.write(options.out))
+        options.written = document["robot_file"] = str(
+            calibration.write(options.out, overwrite=options.overwrite)
+        )
     return document, calibration_lines(calibration)
 
 
@@ -164,6 +167,7 @@ def add_identify_options(parser: OneLineParser) -> None:
         "(default: motors, or platform where these lead to one)",
     )
     add_out(parser, "write the robot file and its URDF there, if the twin predicts best")
+    add_overwrite(parser)
 
 
 def _add_conversions(group: Any) -> None:
@@ -222,7 +226,9 @@ def run_identify(options: Namespace) -> Report:
         )
     options.refusal = identification.refusal
     if options.out is not None and options.refusal is None:
-        options.written = document["robot_file"] = str(identification.write(options.out))
+        options.written = document["robot_file"] = str(
+            identification.write(options.out, overwrite=options.overwrite)
+        )
     return document, identification_lines(identification, everything=options.all)
 
 

@@ -167,7 +167,10 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
     """Find the pose nearest to a platform point: q (nq,), a sentence, the entry for JSON."""
-    nearest = nearest_pose(robot, point)
+    try:
+        nearest = nearest_pose(robot, point)
+    except NotAssembled as failure:  # no pose within ranges
+        return failure.q, str(failure).removeprefix(f"{robot.name}: "), {"stops": [str(failure)]}
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
         "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),
@@ -253,6 +256,7 @@ def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
         pose = describe_pose(robot, mode.q)
         kind = classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
+        lines.append(_reference_to_paste(robot, mode.q))
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
     about = select_fields(assembly, "complete", "status", "bound", "method")
     paths = assembly.count and asdict(assembly.count)
@@ -274,10 +278,17 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{beyond}")
+        lines.append(_reference_to_paste(robot, mode.q))
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = select_fields(working, "status", "solutions", "legs", "proved_legs")
     about |= {"complete": working.status == "proved", "modes": modes}
     return _report_modes(robot, {"working_modes": about}, lines)
+
+
+def _reference_to_paste(robot: ParallelRobot, q: Array) -> str:
+    """Return the line of a robot file that selects the modes of q (nq,)."""
+    values = ", ".join(f"{name}: {value + 0.0:.9g}" for name, value in robot.reference_values(q).items())
+    return f"  reference         {{{values}}}"
 
 
 def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:

@@ -19,8 +19,9 @@ controllers command the platform acceleration ddx_c = ddx + k_d (dx error) + k_p
 from P' lambda = r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). P loses rank at a Type 2
 singularity. The naive controller inverts P nevertheless; condition (8) holds for the plan, but not for the
 feedback added to it. The aware controller starts from the planned multipliers, which are finite at the
-crossing, and corrects them only in directions in which P is regular. Away from singularities both controllers
-are equal. After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2
+crossing, and corrects them only in directions in which P is regular: in which its singular value is not small
+against its values elsewhere on the plan (`fading_thresholds`). Away from singularities both controllers are
+equal. After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2
 singularity crossing, Control Engineering Practice 39, 2015, who switch to a model that stays consistent near
 the singularity.
 """
@@ -29,12 +30,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_dynamics import forward_derivatives
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
@@ -68,12 +71,24 @@ class Reference(ReadOnlyArrays):
     dx: Array  # (K, n) their rates
     ddx: Array  # (K, n) their accelerations
     torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
+    torque_limit: Array  # (n_a,) limits that the plan was made for, motor side; infinite without
     period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
     law: MotionLaw  # path parameter over time
     wrenches: ExternalWrenches  # external wrenches, as planned
+
+    @cached_property
+    def motor_maps(self) -> Array:
+        """Motor angles per robot length or radian of the platform, (K, n_a, n), motor side."""
+        robot = self.robot
+        return robot.gear_ratio[:, None] * self.N[:, robot.actuated] * robot.platform_scale
+
+    @cached_property
+    def motor_thresholds(self) -> Array:
+        """Singular values (n,) below which the motors do not determine the platform."""
+        return fading_thresholds(self.motor_maps)
 
     @property
     def planned_wrenches(self) -> dict[str, Array]:
@@ -114,6 +129,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         dx=plan.platform(times, order=1),
         ddx=plan.platform(times, order=2),
         torque=dynamics.torques(times),
+        torque_limit=motor_limits(robot, "torque_limit", plan.request.torque_limit),
         period_torque=dynamics.torques(middles),
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, order=1),
@@ -167,8 +183,8 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     """Return the measured state at instant k, or an estimate from the motors.
 
     The state is measured if all joints have encoders. The estimate is one Newton step from the plan: the
-    offset d (n,) of the platform solves G d = measured - planned motor angles, where G (n_a, n) are the
-    motor angles per unit of x; the joints are off the plan by N d. Rates are estimated in the same way.
+    offset d (n,) of the platform, in robot lengths and radians, solves G d = measured - planned motor angles
+    with G (n_a, n) of `motor_maps`; the joints are off the plan by N d. Rates are estimated in the same way.
 
     Args:
         measurement: of R runs.
@@ -179,15 +195,15 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
         return measurement.state
     robot = reference.robot
     N = reference.N[k]  # (nv, n) dq/dx
-    G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
+    G = reference.motor_maps[k]  # (n_a, n)
     angle_offset = measurement.motor_angle - reference.motor_angle[k]
     speed_offset = measurement.motor_speed - reference.motor_speed[k]
     motor_offsets = np.stack([angle_offset, speed_offset])  # (2, R, n_a)
     if aware:
-        x_offset, dx_offset = solve_damped(G[None], motor_offsets)  # (R, n) each
+        offsets = solve_damped(G[None], motor_offsets, reference.motor_thresholds)
     else:
-        inverse = solve(G[None], np.eye(len(G))[None])
-        x_offset, dx_offset = matvec(inverse, motor_offsets)
+        offsets = matvec(solve(G[None], np.eye(len(G))[None]), motor_offsets)
+    x_offset, dx_offset = offsets * robot.platform_scale  # (R, n) each
     return RobotState(
         q=integrate(robot, reference.motion.q[k], matvec(N, x_offset)),
         v=reference.motion.v[k] + matvec(N, dx_offset),
@@ -196,21 +212,29 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     )
 
 
-def solve_damped(matrices: Array, right: Array, *, fading_ratio: float = 0.1) -> Array:
+def fading_thresholds(matrices: Array, *, fading_ratio: float = 0.25) -> Array:
+    """Return a share of the largest singular values (k,) along a plan, for `solve_damped`.
+
+    A singular value is small beside a Type 2 singularity, where it is small against its own values elsewhere
+    on the plan. It may be small against the other singular values in every pose: a light leg, a short lever.
+
+    Args:
+        matrices: (K, m, k) along the plan, m >= k.
+    """
+    return fading_ratio * np.linalg.svd(matrices, compute_uv=False).max(axis=0)
+
+
+def solve_damped(matrices: Array, right: Array, thresholds: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
-    The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. Let t be
-    `fading_ratio` times the largest singular value. The inverse of a singular value sigma below t is
-    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
-    NaN for a matrix that is not finite; the decomposition of such a matrix would raise an error for all R of
-    them.
+    The solutions have the shape (..., R, k). A single matrix (1, m, k) serves all right-hand sides. The
+    inverse of a singular value sigma below its threshold t, of `thresholds` (k,), is sigma / t^2 instead of
+    1 / sigma, which is continuous at t and falls to zero with sigma. The solution is NaN for a matrix that is
+    not finite; the decomposition of such a matrix would raise an error for all R of them.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
-    threshold = fading_ratio * sigma[:, :1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        damped_inverse = sigma / threshold**2
-        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), damped_inverse)
+    inverse = np.where(sigma > thresholds, 1.0 / np.maximum(sigma, thresholds), sigma / thresholds**2)
     components = inverse * matvec(U.transpose(0, 2, 1), right)  # along the right singular vectors
     return np.where(is_finite, matvec(V_rows.transpose(0, 2, 1), components), np.nan)
 
@@ -368,6 +392,7 @@ class ComputedTorque:
 
     reference: Reference
     multipliers: Array | None  # (K, m) of the plan, for the aware controller; None for the naive one
+    thresholds: Array  # (n_p,) singular values of P below which the aware controller does not invert P
     frequency: float = 20.0  # [rad/s] natural, of the platform, critically damped
 
     @staticmethod
@@ -383,8 +408,9 @@ class ComputedTorque:
                 f"controller computed_torque: for rigid robots with as many motors as platform axes; "
                 f"{robot.name} has {robot.n_e} springs, {robot.n_a} motors, {robot.n} axes: use feedforward"
             )
-        multipliers = _planned_multipliers(reference) if aware else None
-        return ComputedTorque(reference, multipliers)
+        J = scaled_loops(robot, reference.motion.linearised)  # (K, m, nv)
+        multipliers = _planned_multipliers(reference, J) if aware else None
+        return ComputedTorque(reference, multipliers, fading_thresholds(J[:, :, robot.following]))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
@@ -411,7 +437,7 @@ class ComputedTorque:
             multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
-            multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
+            multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned), self.thresholds)
 
         # torques behind the gears (R, nv), and those that accelerate the rotors
         torque = (r - matvec(J_T, multipliers)) / robot.column_scale
@@ -459,8 +485,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
 
 
-def _planned_multipliers(reference: Reference) -> Array:
-    """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
+def _planned_multipliers(reference: Reference, J: Array) -> Array:
+    """Compute the multipliers lambda (K, m) of the scaled loop rows J (K, m, nv) along the plan.
 
     At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
     J' lambda = r - S' tau, do so, where r are the forces of the open tree, tau is the planned torque on the
@@ -471,7 +497,6 @@ def _planned_multipliers(reference: Reference) -> Array:
     rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
     loop_forces = tree_forces(robot, motion)  # r (K, nv), from which S' tau is subtracted
     loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
-    J = scaled_loops(robot, motion.linearised)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return np.matvec(inverse, loop_forces * robot.column_scale)
 

@@ -68,12 +68,16 @@ class Study(Outcomes):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the probability of passing."""
-        from scipy.stats import binomtest  # takes time to import
+        """Wilson's 95 % interval of the probability of passing.
 
-        passes = binomtest(int(np.count_nonzero(self.passed)), len(self.passed))
-        low, high = passes.proportion_ci(method="wilson")
-        return float(low), float(high)
+        It contains the probabilities p from which the observed share differs by at most z standard deviations
+        sqrt(p (1 - p) / runs), where a normal variable is within z deviations with a probability of 95 %.
+        """
+        z = 1.959963984540054
+        runs, share = len(self.passed), self.probability
+        middle = (share + z**2 / (2 * runs)) / (1 + z**2 / runs)
+        half = z / (1 + z**2 / runs) * np.sqrt(share * (1 - share) / runs + z**2 / (4 * runs**2))
+        return max(0.0, float(middle - half)), min(1.0, float(middle + half))
 
     @property
     def failures(self) -> list[tuple[int, int]]:

@@ -21,6 +21,8 @@ dr/dv and the mass matrix M come from pinocchio's `computeRNEADerivatives`.
 
 from __future__ import annotations
 
+import threading
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -63,7 +65,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     `elastic_inertia`, deflections count as constant.
     """
     inertial = _inertial_motion(robot, motion)
-    forces = _rnea(robot, robot.model, inertial)
+    forces = _rnea(robot.model, inertial)
     if robot.joint_stiffness.any():
         forces += spring_torques(robot, inertial.q, robot.joint_stiffness)
     if robot.is_damped:
@@ -98,7 +100,7 @@ def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     It is linear in accelerations and quadratic in rates. A difference of `tree_forces` with and without
     motion would lose digits where gravity dominates.
     """
-    return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
+    return _rnea(robot.weightless, _inertial_motion(robot, motion))
 
 
 def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
@@ -108,17 +110,26 @@ def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
     return motion
 
 
-def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
+def _rnea(model: pin.Model, motion: JointMotion) -> Array:
     """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
 
     Args:
         model: `robot.model`, or its copy without gravity, `robot.weightless`.
     """
-    data = scratch_of(robot).data
+    pool = _model_pool(model, threading.get_ident())
+    if pool.getModel(0) != model:  # the pool has a copy, and the model was changed in place since
+        _model_pool.cache_clear()
+        pool = _model_pool(model, threading.get_ident())
     forces = np.empty((len(motion.q), model.nv))
-    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        forces[k] = pin.rnea(model, data, q, v, a)
+    # one call for the stack: instants are columns, of arrays in column order, and one thread computes them
+    pin.rneaInParallel(1, pool, motion.q.T, motion.v.T, motion.a.T, forces.T)
     return forces
+
+
+@lru_cache(maxsize=16)  # of several megabytes each
+def _model_pool(model: pin.Model, thread: int) -> pin.ModelPool:
+    """Copy a model into a pool with working memory for one call at a time, in each `thread` its own."""
+    return pin.ModelPool(model, 1)
 
 
 def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
@@ -268,7 +279,9 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
     dq = changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
-    of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
+    of_loops = loop_force_changes(
+        robot, robot.spanning_loops, linearised.frames, wrenches, linearised.spread(multipliers), dq
+    )
 
     # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
     changed = changes.accelerations @ mass

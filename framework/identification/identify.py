@@ -168,16 +168,18 @@ class Identification(ReadOnlyArrays):
         """Return the robot with the identified parameters, accepted or not."""
         return ParallelRobot.from_description(self._description)
 
-    def write(self, folder: str | Path) -> Path:
+    def write(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the robot file and the URDF with the identified parameters; return the robot file.
 
         Raises:
             NotIdentified: a simpler model predicts the torques held out as well.
-            OutputError: the folder cannot be written, or they would overwrite the files that were read.
+            OutputError: the folder cannot be written; they would overwrite the files that were read or,
+                without `overwrite`, files that somebody has edited.
         """
         if self.refusal is not None:
             raise self.refusal
-        return write_robot_file(self._description, folder, comments=["Its parameters were identified."])
+        comments = ["Its parameters were identified."]
+        return write_robot_file(self._description, folder, comments=comments, overwrite=overwrite)
 
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""

@@ -155,7 +155,8 @@ def expect_wrenches(wrenches: Any) -> None:
 def check_frame(mechanism: Mechanism, frame: object) -> None:
     """Raise InvalidInput unless `frame` is a link or a joint of the robot."""
     model = mechanism.model
-    if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
+    # frame 0 is pinocchio's universe, which carries nothing; a link may have its name
+    if not model.existFrame(str(frame)) or frame_index(model, str(frame)) == 0:
         names = [model_frame.name for model_frame in model.frames[1:]]
         raise InvalidInput(f"wrenches: {choose_from('frame', frame, names)}")
 

@@ -15,8 +15,9 @@ Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -192,26 +193,16 @@ class FrameMotions(NamedTuple):
 
 def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     """Compute poses of all frames and screws of all joints at q (T, nq)."""
-    model, scratch = mechanism.model, scratch_of(mechanism)
-
-    def compute(k: int) -> pin.Model:
-        """Compute joints and screws at q[k]; the model is the same for all k."""
-        pin.computeJointJacobians(model, scratch.data, q[k])
-        return model
-
-    return collect_frames(scratch, q, compute)
+    return frames_of(scratch_of(mechanism), repeat(mechanism.model), q)
 
 
-def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Model]) -> FrameStack:
-    """Collect poses of frames and screws of joints at q (T, nq), computed one q[k] after the other.
-
-    Args:
-        compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model used.
-    """
+def frames_of(scratch: Scratch, models: Iterable[pin.Model], q: Array) -> FrameStack:
+    """Compute poses of frames and screws of joints at q (T, nq), in each row those of one of `models`."""
     placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
     screws = np.empty((len(q), *scratch.screws.shape))
-    for k in range(len(q)):
-        pin.updateFramePlacements(compute(k), scratch.data)
+    for k, (model, position) in enumerate(zip(models, q, strict=False)):
+        pin.computeJointJacobians(model, scratch.data, position)
+        pin.updateFramePlacements(model, scratch.data)
         placements[k], screws[k] = scratch.placements, scratch.screws
     robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
     placements = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
@@ -264,13 +255,16 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
-    scratch = scratch_of(mechanism)
+    return twists_of(scratch_of(mechanism), repeat(mechanism.model), q, v, a)
+
+
+def twists_of(scratch: Scratch, models: Iterable[pin.Model], q: Array, v: Array, a: Array) -> Array:
+    """Compute `body_twists` (2, T, bodies, 6), in each row those of one of `models`."""
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     # of pinocchio's functions this one leaves the twists of bodies at the base's origin in its memory
-    for k in range(len(q)):
-        pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
-        twists[0, k] = scratch.velocities
-        twists[1, k] = scratch.accelerations
+    for k, (model, *state) in enumerate(zip(models, q, v, a, strict=False)):
+        pin.computeForwardKinematicsDerivatives(model, scratch.data, *state)
+        twists[0, k], twists[1, k] = scratch.velocities, scratch.accelerations
     return twists
 
 

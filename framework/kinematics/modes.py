@@ -5,19 +5,30 @@ other: the irreducible blocks of the sparsity pattern of their Jacobian (Dulmage
 Erisman and Reid 1986, chapter 6). Each block is a leg with its own Type 1 singularities, at which alone the
 sign of its determinant changes. det [dF/dq] is the product of the legs' determinants. Its sign does not
 distinguish a robot with two flipped legs from one with none, but the signs of all legs do.
+
+A block may hold several legs, as that of a Delta. Let G be the joint rates for unit twists of the platform.
+Near Type 1 singularities of several legs, G = sum w_i r_i' / s_i + bounded: s_i vanishes and changes sign
+where leg i is stretched, r_i is the twist that this leg refuses there, and w_i its own motion. From one pose
+to the next, G_1^+ G_2 has the eigenvalues s_i1 / s_i2, negative for each leg that has flipped. G depends on
+the motions that the loops allow and not on their equations, so it is smooth where these lose rank and the
+branch is smooth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
+from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, scaled_platform, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
+from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
@@ -46,64 +57,89 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 
 
 def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
-    """Return whether determinants keep their signs from `start` to `end`, (T,).
+    """Return whether determinants keep their signs from `start` to `end`, (T, ...).
 
     A determinant at the end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no
     sign.
 
     Args:
-        start, end: signs (T,) of the determinants, then logarithms (T,) of their sizes.
+        start, end: signs (T, ...) of the determinants, then logarithms (T, ...) of their sizes.
     """
     start_sign, start_logarithm = start
     end_sign, end_logarithm = end
     return (end_sign == start_sign) & (end_logarithm - start_logarithm > np.log(DETERMINANT_LOST))
 
 
+class ModeStates(NamedTuple):
+    """Quantities of T configurations that tell whether two of them share a working mode."""
+
+    bases: Array  # (T, R, m) of the ranges of the loops' rows, to which signs refer; (T, 0, 0) if R = m
+    loops: Array  # (T, m, k) dimensionless Jacobian of the loops along the k moving joints
+    signs: Array  # (T, legs) of the legs' determinants; 0 if dF/dq is singular to the last bit
+    logarithms: Array  # (T, legs) of the sizes of these determinants
+    rates: Array  # G (T, k, n): dimensionless rates of the moving joints for unit twists; 0 if singular
+
+    @staticmethod
+    def of(robot: ParallelRobot, linearised: LinearisedLoops) -> ModeStates:
+        """Compute the quantities at T configurations."""
+        signs, logarithms = leg_slogdets(robot, linearised)
+        regular = np.flatnonzero(signs.all(axis=1))
+        unit_twists = np.zeros((robot.n, len(regular), linearised.residual.shape[1]))
+        unit_twists[:, :, : robot.n] = np.eye(robot.n)[:, None]
+        rates = np.zeros((len(signs), len(robot.moving), robot.n))
+        solution = linearised.select(regular).factors.solve(unit_twists)  # (n, regular, k)
+        rates[regular] = (solution / robot.column_scale[robot.moving]).transpose(1, 2, 0)
+        return ModeStates(linearised.bases, moving_loops(robot, linearised), signs, logarithms, rates)
+
+
 def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
     """Return whether each of T successive configurations is in the working mode of its predecessor, (T,).
 
-    `start` (T = 1) is the predecessor of the first of the `ends`. Both are in the same mode if no Type 1
-    singularity lies between the two or at the second.
-
-    Then det [dF/dq] keeps its sign. But this determinant also changes sign where the loop equations lose
-    rank, even if the branch is smooth there. In this case another determinant decides. Let N be a basis of
-    the motions that the loops allow, continued from one configuration to the next. Then det (platform N)
-    changes sign at Type 1 singularities only. A configuration whose loops have lost rank belongs to no mode.
+    `start` (T = 1) is the predecessor of the first of the `ends`. A configuration whose loops have lost rank
+    belongs to no mode.
     """
-    least = singular_values(moving_loops(robot, ends)).min(axis=1, initial=np.inf)
-    has_rank = least >= RANK_LOST
-    determinants = np.concatenate([start.factors.slogdet, ends.factors.slogdet], axis=1)  # (2, 1 + T)
-    keeps = has_rank & keeps_sign(determinants[:, :-1], determinants[:, 1:])
-    for k in np.flatnonzero(has_rank & ~keeps).tolist():
-        previous = ends.select(k - 1) if k else start
-        keeps[k] = _keeps_platform_map(robot, previous, ends.select(k))
-    return keeps
+    pair = ModeStates.of(robot, start), ModeStates.of(robot, ends)
+    chain = ModeStates(*map(np.concatenate, zip(*pair, strict=True)))  # of 1 + T configurations
+    starts, followers = select(chain, slice(None, -1)), select(chain, slice(1, None))
+    least = singular_values(followers.loops).min(axis=1, initial=np.inf)
+    return (least >= RANK_LOST) & share_working_mode(robot, starts, followers)
 
 
-def _keeps_platform_map(robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops) -> bool:
-    """Return whether det (platform N) keeps its sign from `start` to `end`, close configurations (T = 1).
+def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeStates) -> BoolArray:
+    """Return whether no leg has a Type 1 singularity between or at neighbouring configurations, (T,).
 
-    N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
-    tells whether the two bases have the same orientation.
+    The k-th start and the k-th end are neighbours. In one mode the determinant of each leg keeps its sign,
+    and so does the map from twists to joint rates. A determinant also changes its sign where the loop
+    equations lose rank, even if the branch is smooth there. In this case the map of each leg decides.
     """
-    N_1, start_determinant = _platform_map(robot, start)
-    N_2, end_determinant = _platform_map(robot, end)
-    orientation = np.linalg.det(N_1.T @ N_2)
-    # the end's determinant on the basis continued from the start, positive if it keeps its sign
-    continued = end_determinant * np.sign(start_determinant * orientation)
-    return bool(continued > DETERMINANT_LOST * abs(start_determinant))
+    shared: BoolArray = np.all(starts.signs * ends.signs, axis=1)
+    regular = np.flatnonzero(shared)
+    shared[regular] = _continues_map(starts.rates[regular], ends.rates[regular])
+    end_signs = ends.signs * relative_orientation(starts.bases, ends.bases)[:, None]
+    keeps = keeps_sign((starts.signs, starts.logarithms), (end_signs, ends.logarithms)).all(axis=1)
+    for k in np.flatnonzero(shared & ~keeps).tolist():
+        # singular values change by no more than the matrix does (Weyl), so a larger one has not vanished
+        change = np.linalg.norm(ends.loops[k] - starts.loops[k])
+        least = singular_values(ends.loops[k]).min(initial=np.inf)
+        shared[k] = RANK_LOST <= least <= change and all(
+            _continues_map(leg.select_map(starts.rates[k]), leg.select_map(ends.rates[k]))
+            for leg in legs(robot)
+        )
+    return shared
 
 
-def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, float]:
-    """Compute a basis N (moving, n) of the motions that the loops allow, and det (platform N), T = 1.
+def _continues_map(start: Array, end: Array) -> BoolArray:
+    """Return whether maps from twists to joint rates (..., k, f) have no flipped leg from start to end.
 
-    The matrix platform N maps amplitudes of these motions to twists. Its determinant vanishes where the loops
-    allow a motion with the platform at rest; its sign depends on the orientation of N.
+    A flipped leg is a negative eigenvalue of G_1^+ G_2, and one at its singularity an eigenvalue that is
+    huge. Rounding may split two equal ones into a complex pair, so all within 45 degrees of the negative axis
+    count.
     """
-    loops = moving_loops(robot, linearised)[0]  # (m, moving)
-    basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops, which have full rank
-    platform = scaled_platform(robot, linearised)[0][:, robot.moving]  # (n, moving)
-    return basis, float(np.linalg.det(platform @ basis))
+    Q, R = np.linalg.qr(start)
+    values = np.linalg.eigvals(np.linalg.solve(R, Q.swapaxes(-1, -2) @ end))  # (..., f)
+    is_positive = values.real > -np.abs(values.imag)
+    kept: BoolArray = np.all(is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST), axis=-1)
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,51 +148,84 @@ class Leg(ReadOnlyArrays):
 
     motors: Names  # names of its actuators; empty for joints that only follow
     rows: IntArray  # (k,) indices of its equations in F
-    columns: IntArray  # (k,) its joints, as indices into the `moving` columns: actuated, then passive
+    columns: IntArray  # (k,) its joints, as indices into the columns that move: actuated, then passive
     needed: IntArray  # (j,) joints of the legs that have to be solved earlier, as indices like `columns`
+    twists: IntArray  # (f,) indices of the platform's twists that determine all these joints
+
+    def select_map(self, rates: Array) -> Array:
+        """Return the rates of these joints for these twists, of those of all joints (k, n) for all twists."""
+        joints = np.append(self.columns, self.needed)
+        return rates[joints][:, self.twists]
 
 
+@lru_cache(maxsize=16)
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     """Compute the legs in the order of their first motor, legs without a motor last.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
-
     require_square(robot)
-    pattern = csr_array(robot.equations.pattern[:, robot.moving].astype(float))  # (n + m, moving)
-    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) an equation for each column
-    matched = pattern[row_of]  # rows permuted so that the diagonal is full
-    # the irreducible blocks are the strongly connected components of the columns' graph
-    count, label = connected_components(matched, directed=True, connection="strong")  # (columns,) leg of each
-
-    needs = _leg_dependencies(count, label, *matched.nonzero())
-    all_legs = []
-    for k in range(count):
-        columns = np.flatnonzero(label == k)
-        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed_columns = np.flatnonzero(needs[k, label] & (label != k))  # in other legs
-        all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
-    # motors are the first columns; legs without a motor come last
-    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
+    if _match_rows(robot.equations.pattern[:, robot.moving]) is None:
+        raise InvalidInput("the platform does not determine the joints")
+    return split_legs(robot, np.arange(len(robot.equations.pattern)), robot.moving)
 
 
-def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
-    """Compute whether leg i needs leg j, directly or through others, (count, count).
+def split_legs(robot: ParallelRobot, rows: IntArray, columns: IntArray) -> tuple[Leg, ...]:
+    """Split equations of F, indices `rows` (r,), and `columns` (k,) of joints into legs, motors first.
 
-    A leg also needs itself, so that the powers of the matrix keep shorter chains.
-
-    Args:
-        count: number of legs.
-        label: (columns,) leg of each column.
-        column: (E,) column that is solved with an equation, for each of the E entries of the equations.
-        contained: (E,) column of this entry, on which the equation depends.
+    Equations that are not square, or that do not determine the joints in any pose, are split into groups that
+    share no joint. The columns of a leg are indices into `columns`.
     """
-    needs = np.eye(count, dtype=bool)
-    needs[label[column], label[contained]] = True
-    return np.linalg.matrix_power(needs, count)  # the transitive closure: no chain is longer than `count`
+    pattern = robot.equations.pattern[rows][:, columns]  # (r, k)
+    row_of = _match_rows(pattern)  # (k,) an equation for each column
+    linked = pattern.T @ pattern if row_of is None else pattern[row_of]  # (k, k)
+    # which columns a column needs, directly or through others: no chain of needs is longer than k
+    needs = np.linalg.matrix_power(linked | np.eye(len(columns), dtype=bool), len(columns))
+    is_one_leg = needs & needs.T  # the irreducible blocks: columns that need each other
+    names = dict(zip(robot.actuated.tolist(), robot.actuator_names, strict=True))
+    all_legs = []
+    for k in np.unique(is_one_leg.argmax(axis=1)):  # the first column of each leg; those of motors come first
+        own = is_one_leg[k]
+        motors = tuple(names[column] for column in columns[own].tolist() if column in names)
+        own_rows, all_rows = (
+            rows[pattern[:, group].any(axis=1) if row_of is None else np.sort(row_of[group])]
+            for group in (own, needs[k])
+        )
+        twists = all_rows[all_rows < robot.n]  # the rows of the platform come first
+        needed = np.flatnonzero(needs[k] & ~own)
+        all_legs.append(Leg(motors, own_rows, np.flatnonzero(own), needed, twists))
+    return tuple(all_legs)
+
+
+def _match_rows(pattern: BoolArray) -> IntArray | None:
+    """Find rows (k,) of a pattern (k, k), one for each column, each once, by augmenting paths.
+
+    None if the pattern is not square, or if all matrices with this pattern are singular.
+    """
+    column_of = dict[int, int]()  # by row
+
+    def match(column: int, tried: set[int]) -> bool:
+        """Give the column a row, other than those tried, moving the columns that have one already."""
+        for row in np.flatnonzero(pattern[:, column]).tolist():
+            if row not in tried:
+                tried.add(row)
+                if row not in column_of or match(column_of[row], tried):
+                    column_of[row] = column
+                    return True
+        return False
+
+    rows, columns = pattern.shape
+    if rows != columns or not all(match(column, set()) for column in range(columns)):
+        return None
+    return np.array(sorted(column_of, key=column_of.__getitem__), dtype=np.intp)
+
+
+def leg_slogdets(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute sign and logarithm of the size of each leg's determinant of dF/dq, (2, T, legs)."""
+    J = linearised.jacobian
+    blocks = [J[:, leg.rows][:, :, robot.moving[leg.columns]] for leg in legs(robot)]  # (T, k, k) each
+    return np.stack([np.stack(np.linalg.slogdet(block)) for block in blocks], axis=2)
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -168,4 +237,4 @@ def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array
 
 def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Return the working mode: the sign (T, legs) of each leg's determinant, 0 at Type 1."""
-    return np.sign(leg_determinants(robot, linearised))
+    return leg_slogdets(robot, linearised)[0]

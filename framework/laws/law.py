@@ -17,11 +17,11 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.errors import InvalidInput, check_order
+from framework.errors import InvalidInput, check_order, real_numbers
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
-from framework.numerics.ordered_sums import least_singular_values
+from framework.numerics.ordered_sums import solve
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
 
@@ -50,7 +50,7 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
     Raises:
         InvalidInput: t is not finite, or outside [0, duration].
     """
-    x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
+    x = real_numbers("t", t) * (2.0 / duration) - 1.0
     if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
     return np.clip(x, -1.0, 1.0)
@@ -339,9 +339,14 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)
-    is_regular = least_singular_values(rows) > INDEPENDENT_CONDITIONS  # (m,)
-    right_sides = (targets / row_sizes)[is_regular]
-    return np.linalg.solve(rows[is_regular], right_sides[..., None])[..., 0], is_regular
+    inverse = solve(rows, np.broadcast_to(np.eye(x.shape[1]), rows.shape))  # (m, c, c)
+    # 1 / |inverse| bounds the least singular value from below, and costs no decomposition of its own
+    is_regular = 1.0 / np.linalg.norm(inverse, axis=(1, 2)) > INDEPENDENT_CONDITIONS  # (m,)
+    rows, inverse = rows[is_regular], inverse[is_regular]
+    right_sides = (targets / row_sizes)[is_regular, :, None]
+    coefficients = inverse @ right_sides
+    coefficients += inverse @ (right_sides - rows @ coefficients)  # what the inverse loses
+    return coefficients[..., 0], is_regular
 
 
 def least_value(series: Array) -> float:

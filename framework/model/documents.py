@@ -30,8 +30,9 @@ MAX_XML_ELEMENTS = 200_000
 MAX_YAML_VALUES = 20_000  # with aliases expanded
 MAX_YAML_CHARACTERS = 25 * MAX_YAML_VALUES
 # patterns that mend XML which other parsers accept
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)  # one without an end is sought once
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])")  # of an element or attribute
+_DECLARED = re.compile(r"xmlns:([\w.-]+)")
 _TAG = re.compile(r"<[A-Za-z_][\w.:-]*")  # the first match begins the root element
 
 
@@ -83,7 +84,7 @@ def _mend_xml(text: str) -> str:
     """
     text = erase_matches(_COMMENT, text)
     prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
-    undeclared = [name for name in sorted(prefixes) if f"xmlns:{name}" not in text]
+    undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
     declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
     return _TAG.sub(lambda tag: tag[0] + declarations, text, count=1)  # into the root element
 
@@ -229,7 +230,7 @@ def check_parts(element: Element, where: str, children: Collection[str], attribu
         if tags.count(tag) > 1:
             raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
-        if nearest(attribute, attributes):  # valid, which `check_name` accepts, or similar to a valid one
+        if attribute not in attributes and nearest(attribute, attributes):
             check_name(where, "attribute", attribute, attributes)
 
 

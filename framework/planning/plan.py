@@ -48,6 +48,7 @@ from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
 ADVANCES = "the polynomial advances"  # the reason of a plan with the polynomial
 NEARLY_STOPS = "nearly stops"
+FREE_LAW_CROSSINGS = 3  # from which the optimal law of a rigid robot comes before a search for a polynomial
 
 
 @takes_options
@@ -146,12 +147,18 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
 
+    # polynomials through several points seldom advance, and to search for one takes longer than a free law
+    is_searched = (
+        len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
+        or to_cross.branch.robot.n_e > 0
+        or not request.may_be_optimal
+    )
     try:
-        plan = _plan_polynomial(to_cross, request)
+        plan = _plan_polynomial(to_cross, request, searched=is_searched)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
-        return _plan_after_refusal(to_cross, request, refusal)
+        return _plan_after_refusal(to_cross, request, refusal, is_searched=is_searched)
 
     excess = _limit_ratio(plan)
     if excess > 1.0:
@@ -188,12 +195,13 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
 
 
 def _plan_after_refusal(
-    to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged
+    to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged, *, is_searched: bool
 ) -> CrossingPlan:
     """Plan with the optimal law after a refusal of the polynomial.
 
     Args:
         refusal: of the polynomial.
+        is_searched: whether times and speeds of polynomials were searched; if not, this is the last resort.
 
     Raises:
         NoLaw, NotConverged: the optimal law is refused as well; the message has both reasons.
@@ -212,6 +220,8 @@ def _plan_after_refusal(
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
     except (NoLaw, NotConverged) as optimal_refusal:
+        if not is_searched:
+            return _plan_polynomial_within_limits(to_cross, request, optimal_refusal)
         refusal.args = (f"{refusal}; nor does the optimal law help: {optimal_refusal}",)
         if isinstance(refusal, NoLaw):
             refusal.proof = refusal.proof or getattr(optimal_refusal, "proof", None)
@@ -304,13 +314,16 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
     """Plan with the polynomial law; the plan states the reason for this choice.
+
+    Args:
+        searched: whether open times and speeds are searched if none of the first ones will do.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    plan = plan_polynomial(to_cross, request)
+    plan = plan_polynomial(to_cross, request, searched=searched)
     speed_ratio = plan.law.least_speed_ratio(request.smoothness)
     reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
@@ -383,8 +396,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     """Return the options of `plan_crossing` with which to try again; None without a remedy.
 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
-    optimal law is advised only if condition (8) admits a law. Advised limits and durations are those of a law
-    that the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
+    optimal law is advised only if condition (8) admits a law. A motion was certified with each advised limit
+    and duration (`SearchEvidence`). The option `bend` stands for `path_modification`.
 
     Args:
         refusal: of the request.
@@ -399,10 +412,10 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
     evidence = getattr(refusal, "evidence", None)
-    if robot.n_e or not isinstance(evidence, SearchEvidence):  # evidence is about the undeformed robot
+    if not isinstance(evidence, SearchEvidence):
         return None
-    if evidence.quickest is not None:
-        return {"longest" if request.duration is None else "duration": evidence.quickest}
+    if evidence.duration is not None:
+        return {"longest" if request.duration is None else "duration": evidence.duration}
     if evidence.limits is None:
         return None
     remedy = {}

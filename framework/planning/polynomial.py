@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,22 +25,16 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import (
-    Condition8,
-    CrossingPoint,
-    Deflection,
-    condition_at,
-    crossing_point,
     require_effect,
 )
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
+from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals import check_advance
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
-
-PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 
 # least speed ratio that a chosen law should have: least speed over the mean, without the zeros at the ends
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
@@ -56,18 +51,23 @@ OF_A_SCENE = (
 )
 
 
-def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
     Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
     of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
     solved for together. The first law and the last one must advance.
 
+    Args:
+        searched: whether open times and speeds are searched if none of the first ones will do.
+
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    timing = timing_of(to_cross, request)
+    timing = timing_of(to_cross, request, searched=searched)
+    times = np.array([time for time, _ in timing])
+    tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law of a pass at given deflections; check the first law.
@@ -79,7 +79,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         if deflections is None or request.geometry != "deformed":
             crossings = _undeformed_crossings(to_cross)
         else:
-            crossings = _deformed_crossings(to_cross, timing, deflections, previous)
+            crossings = _deformed_crossings(tracker, deflections)
         law = _solve_law(crossings, timing, request, name)
         if previous is None:
             _check_advance(law, request, to_cross.points, name)
@@ -99,7 +99,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
-            balanced, deflections = _find_balanced_law(to_cross, request, timing)
+            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing)
             dynamics = resolve_with(lambda *_: balanced, known=deflections)
         except SearchEnded:
             raise
@@ -107,12 +107,16 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
             raise choose_failure(failure, second) from None
     law = dynamics.law
     assert isinstance(law, Law)
-    _check_advance(law, request, dynamics.crossings, name)
-    return certified_plan(to_cross, request, dynamics, law, timing)
+    if request.geometry == "deformed":  # else the first law, which is checked
+        _check_advance(law, request, dynamics.crossings, name)
+    # the last pass has found the conditions, unless the motion meets other points or the user imposes some
+    handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
+    return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
 
 
 def _find_balanced_law(
     to_cross: PathToCross,
+    tracker: CrossingTracker,
     request: Request,
     timing: Sequence[CrossingTime],
     *,
@@ -124,6 +128,7 @@ def _find_balanced_law(
     path, so that the polynomial is solved for again until it passes them at their times.
 
     Args:
+        tracker: the crossings with the last deflections.
         timing: times and speeds of the crossings.
 
     Returns:
@@ -133,14 +138,13 @@ def _find_balanced_law(
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
     name = to_cross.branch.robot.name
-    times = np.array([time for time, _ in timing])
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
-        crossings = _deformed_crossings(to_cross, timing, deflections.evaluate, law)
+        crossings = _deformed_crossings(tracker, deflections.evaluate)
         places = np.array([point.s for point, _ in crossings])
-        miss = float(np.abs(law(times) - places).max(initial=0.0))
+        miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
     raise NotConverged(f"{name}: the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
@@ -219,35 +223,27 @@ def _undeformed_crossings(to_cross: PathToCross) -> list[PlannedCrossing]:
         NoLaw: no law can meet the condition at some point.
     """
     return [
-        (point, require_effect(to_cross.branch, point, condition, deflection=None))
+        (point, require_effect(to_cross.branch, point, condition, deflected=False))
         for point, condition in to_cross.undeformed_crossings
     ]
 
 
 def _deformed_crossings(
-    to_cross: PathToCross,
-    timing: Sequence[CrossingTime],
-    deflections: Callable[[float, int], Array],
-    law: MotionLaw | None,
+    tracker: CrossingTracker, deflections: Callable[[Any, int], Array]
 ) -> list[PlannedCrossing]:
-    """Compute the crossing points of the deflected robot, with their conditions (8).
+    """Follow the crossing points of the deflected robot; return each with its condition (8).
 
     Args:
-        timing: times and speeds of the crossings.
-        deflections: deflections (n_e,) and their time derivatives as a function (t, order).
-        law: the law of the last pass, near whose crossings the points are; None for the first pass.
+        deflections: deflections (k, n_e) and their time derivatives as a function of times and order.
 
     Raises:
         NoLaw: the deflected robot has no singular point there.
         NotConverged: s" has no effect on the condition with these deflections.
     """
-    branch, crossings = to_cross.branch, []
-    for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
-        deflection = Deflection.evaluate(deflections, time)
-        s_guess = target.s if law is None else float(law(time))
-        point = crossing_point(branch, target, deflection, s_guess)
-        crossings.append((point, condition_at(branch, point, deflection)))
-    return crossings
+    return [
+        (point, require_effect(tracker.branch, point, condition, deflected=True))
+        for point, condition in tracker.follow(deflections)
+    ]
 
 
 def _solve_law(
@@ -288,8 +284,11 @@ def _solve_law(
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
-def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
+def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True) -> tuple[CrossingTime, ...]:
     """Return the times and speeds of the undeformed robot's crossings; choose the open ones.
+
+    Args:
+        searched: whether open ones are searched if none of the first ones will do.
 
     Raises:
         InvalidInput: a time is not inside the motion.
@@ -316,14 +315,14 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values)
 
-    return choose_timing(s, request, measure, to_cross.branch.robot.name)
+    return choose_timing(s, request, measure, to_cross.branch.robot.name, searched=searched)
 
 
 # ------------------------------------------------------------------ times and speeds of crossings
 
 
 def choose_timing(
-    s: Sequence[float], request: Request, measure: Measure, name: str
+    s: Sequence[float], request: Request, measure: Measure, name: str, *, searched: bool = True
 ) -> tuple[CrossingTime, ...]:
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
@@ -336,6 +335,7 @@ def choose_timing(
             least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
             does.
         name: name of the robot, for messages.
+        searched: whether times and speeds are searched if no candidate will do.
 
     Raises:
         NoLaw: the search finds no law that always advances.
@@ -343,18 +343,18 @@ def choose_timing(
     if request.times is not None and request.speeds is not None:
         # nothing is open; `check_advance` judges the law
         return _crossing_times(np.array([request.times, request.speeds]))
-    if len(s) > MAX_CROSSINGS:
-        raise NoLaw(
-            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
-            f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
-            f"all times and speeds"
-        )
     score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
+    if len(s) > MAX_CROSSINGS or not searched:
+        raise NoLaw(
+            f"{name}: none of {len(starts)} polynomials through the {len(s)} singular points keeps its speed "
+            f"above {COMFORTABLE_ADVANCE:g} of the mean, and no others are searched; cut the path, take law "
+            f"optimal, or give all times and speeds"
+        )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
@@ -382,7 +382,7 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
     ends = np.array([0.0, duration])
-    plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
+    plain_times = np.concatenate(find_instants(plain, ends, s))  # one each, as the law advances
     constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
     constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
 

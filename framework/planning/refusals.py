@@ -79,7 +79,7 @@ The motion, under either law or one of the user's own:
     UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
         dynamics.singularity_crossings.check_bounded
     NoLaw: the deflected robot has no singular point near the crossing
-        planning.condition.crossing_point
+        planning.crossing_tracker.track_points
     NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
         planning.condition.condition_at
     NotAssembled: loops do not close along the motion, or rates do not exist
@@ -136,6 +136,7 @@ from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
 
 # Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
+PRINTED_DIGITS = 4  # of advised limits and durations, which are tried as they are printed
 
 
 class UnmetCondition(NamedTuple):
@@ -194,8 +195,8 @@ class LeastLimits(NamedTuple):
         speed limits; None as above.
     together: whether limits of torque and of speed must both be raised. Both peaks are then of one law, for
         which the larger of the torque ratio and the squared speed ratio is least.
-    options: limits (n_a,) a little above these peaks, motor side, as options of a plan without margin;
-        several entries are alternatives.
+    options: limits (n_a,) a little above these peaks, motor side, with the margin of the request added and
+        with the digits that are printed; several entries are alternatives.
     """
 
     torque_peak: float | None
@@ -205,20 +206,26 @@ class LeastLimits(NamedTuple):
 
     @staticmethod
     def of(
-        specification: Specification, torque: float | None, speed: float | None, *, together: bool
+        specification: Specification,
+        torque: float | None,
+        speed: float | None,
+        share: float,
+        *,
+        together: bool,
     ) -> LeastLimits:
         """Return the least limits for peaks of torque and speed over a specification's limits.
 
         Args:
             torque: the least peak of torque over the torque limits; None if unknown.
             speed: the least peak of speed over the speed limits; None if unknown.
+            share: of the limits of a request that its margin leaves to the specification.
             together: whether limits of torque and of speed must both be raised.
         """
         limits = {}
-        if torque is not None:
-            limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit
-        if speed is not None:
-            limits["speed_limit"] = RAISED_RATIO * speed * specification.speed_limit
+        for name, peak in (("torque_limit", torque), ("speed_limit", speed)):
+            if peak is not None:
+                raised = RAISED_RATIO * peak * getattr(specification, name) / share
+                limits[name] = np.array([round_up(limit, PRINTED_DIGITS) for limit in raised])
         options = [limits] if together else [{name: limit} for name, limit in limits.items()]
         return LeastLimits(torque, speed, together, options)
 
@@ -230,14 +237,16 @@ class SearchEvidence(NamedTuple):
 
     cells: number of intervals of the piecewise polynomial that represents the squared speed.
     least: the least limits within which a law of the requested duration was found.
-    quickest: the least duration [s] found within the limits; None without a law.
+    quickest: the least duration [s] found within the limits, of the undeformed robot; None without a law.
     limits: options with raised limits for which a plan was found; None without a plan.
+    duration: a duration [s] for which a plan was found within the limits; None without a plan.
     """
 
     cells: int
     least: LeastLimits
     quickest: float | None = None
     limits: dict[str, Array] | None = None
+    duration: float | None = None
 
     @property
     def sentence(self) -> str:
@@ -283,7 +292,7 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
     Args:
         units: of the limits, by motor.
     """
-    rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
+    rounded = [f"{round_up(limit, PRINTED_DIGITS):.{PRINTED_DIGITS}g}" for limit in limits]
     if len(set(rounded)) == 1 and len(set(units)) == 1:
         return f"{rounded[0]} {units[0]}"
     by_joint = zip(robot.actuator_names, rounded, strict=True)

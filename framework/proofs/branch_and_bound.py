@@ -103,9 +103,13 @@ class Boxes(NamedTuple):
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
     def halve(self, axis: IntArray) -> Boxes:
-        """Halve each box across its axis (S,); return lower halves, then upper halves."""
+        """Halve each box across its axis (S,); return lower halves, then upper halves.
+
+        The halves overlap by the rounding of their middles, so that no point between them is lost.
+        """
         is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
-        radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
+        half_radii = 0.5 * ROUND_UP * self.radii + gamma(2) * np.abs(self.middle)
+        radii = np.where(is_cut, half_radii, self.radii)
         shift = np.where(is_cut, 0.5 * self.radii, 0.0)
         return join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
 

@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import (
     FrameStack,
-    collect_frames,
     difference,
     forces_on_joints,
+    frames_at,
     scratch_of,
 )
 from framework.kinematics.inverse_kinematics import require_joints_close
@@ -123,24 +123,17 @@ class EquationsOfMotion:
         Returns:
             The left side with its derivatives by q, v and a, and the loop equations.
         """
-        model = self.robot.model
-        scratch = scratch_of(self.robot)
-        data = scratch.data
+        data = scratch_of(self.robot).data
         T, nv = v.shape
         force = np.empty((T, nv))
         by_q, by_v, mass = np.empty((3, T, nv, nv))
-
-        def compute(k: int) -> pin.Model:
-            """Fill row k of force, by_q, by_v and mass with the terms of the tree; return the model."""
-            pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
+        for k, state in enumerate(zip(q, v, a, strict=True)):
+            pin.computeRNEADerivatives(self.robot.model, data, *state)
             force[k] = data.tau
             by_q[k] = data.dtau_dq
             by_v[k] = data.dtau_dv
             mass[k] = data.M
-            return model
-
-        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
-        frames = collect_frames(scratch, q, compute)
+        frames = frames_at(self.robot, q)
         # rotors, springs and dampers act on single joints, so their matrices are diagonal
         diagonal = range(nv)
         mass[:, diagonal, diagonal] += self.rotors
@@ -196,8 +189,8 @@ def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     if damping is None:
         return np.zeros(shape)
     try:
-        dampings = np.asarray(damping, dtype=float)
-    except (TypeError, ValueError):
+        dampings = real_numbers("damping", damping)
+    except InvalidInput:
         dampings = np.array(np.nan)  # refused below
     has_valid_shape = dampings.shape in ((), shape[-1:], shape)
     if not has_valid_shape or not np.all((dampings >= 0) & np.isfinite(dampings)):

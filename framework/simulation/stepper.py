@@ -34,12 +34,12 @@ from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import (
     FrameStack,
-    Scratch,
-    collect_frames,
     difference,
+    frames_of,
     integrate,
     move_with_bodies,
     scratch_of,
+    twists_of,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
@@ -63,7 +63,7 @@ class Terms(NamedTuple):
     frames: FrameStack
     residual: Array  # (R, m) of the loop equations [m, rad]
     jacobian: Array  # (R, m, nv) of the loop equations
-    twists: Array  # (2, R, bodies, 6) of all bodies, and their time derivatives without joint accelerations
+    drift: Array  # (R, m) second time derivatives of the loop equations without joint accelerations
 
 
 SCHEMES = ("midpoint", "extrapolated")
@@ -219,10 +219,9 @@ class Stepper:
             q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
         """
         platform = self.robot.platform
-        rates = np.atleast_2d(v)
-        frames = self.terms(np.atleast_2d(q), rates).frames
+        frames = self.frames(np.atleast_2d(q))
         x = platform.coordinates(frames)
-        twist = matvec(platform.jacobian(frames), rates)
+        twist = matvec(platform.jacobian(frames), np.atleast_2d(v))
         shape = (*q.shape[:-1], platform.n)
         return x.reshape(shape), twist.reshape(shape)
 
@@ -245,23 +244,20 @@ class Stepper:
         implicit_mass = self._implicit_mass(terms.mass, 0.5 * h)
 
         loop_rate = matvec(terms.jacobian, v)  # (R, m)
-        # (R, m) second time derivatives of the loop equations without accelerations
-        drift = self.drift(terms)
         # residuals (R, m) at q, by a Taylor series over -h/2 from the middle back to the start
-        gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
+        gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * terms.drift
 
         # the two solutions differ in the bias forces, and in the drift of the loops
         forces = driven - spring_forces(robot, self.stiffness, self.rest, middle) - self.damping * v
         closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
         guess = _solve_accelerations(
-            implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * drift
+            implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
         )
 
         v_middle = v + 0.5 * h * guess
-        terms = self.with_velocities(terms, middle, v_middle)
-        accelerations = closing - 0.5 * self.drift(terms)  # (R, m) of the loop equations
+        terms = terms._replace(bias=self.bias(middle, v_middle), drift=self.drift(terms.frames, v_middle))
         v_end = v + h * _solve_accelerations(
-            implicit_mass, terms.jacobian, forces - terms.bias, accelerations
+            implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
         )
         return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
@@ -335,42 +331,33 @@ class Stepper:
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
-        runs, nv = v.shape
-        models = self._models(runs)
-        scratch = scratch_of(self.robot)
+        runs, nv = len(q), self.robot.nv
+        data = scratch_of(self.robot).data
         mass = np.empty((runs, nv, nv))
-        bias = np.empty((runs, nv))
-        twists = np.empty((2, runs, *scratch.velocities.shape))
-
-        def compute(k: int) -> pin.Model:
-            """Fill row k of mass, bias and twists with the terms of the tree; return the model."""
-            mass[k] = pin.crba(models[k], scratch.data, q[k])
-            bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
-            return models[k]
-
-        # calls `compute` for each k, and then takes the frames of q[k] from the memory of pinocchio
-        frames = collect_frames(scratch, q, compute)
+        for k, model in enumerate(self._models(runs)):
+            mass[k] = pin.crba(model, data, q[k])
         mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
+        frames = self.frames(q)
         loops = loop_equations(self.equations[0].rows, frames)
-        return Terms(mass, bias, frames, loops.residual, loops.jacobian, twists)
+        return Terms(mass, self.bias(q, v), frames, *loops, self.drift(frames, v))
 
-    def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
-        """Return `terms`, computed at q (R, nq), for other velocities v (R, nv).
+    def frames(self, q: Array) -> FrameStack:
+        """Compute poses of frames and screws of joints of R runs at q (R, nq)."""
+        return frames_of(scratch_of(self.robot), self._models(len(q)), q)
 
-        Only bias forces and twists depend on velocities.
-        """
-        bias = np.empty_like(terms.bias)
-        twists = np.empty_like(terms.twists)
-        scratch = scratch_of(self.robot)
+    def bias(self, q: Array, v: Array) -> Array:
+        """Compute the bias forces c + g (R, nv) of R runs: Coriolis, centrifugal and gravity forces."""
+        data = scratch_of(self.robot).data
+        forces = np.empty_like(v)
         for k, model in enumerate(self._models(len(q))):
-            bias[k], twists[:, k] = _velocity_terms(model, scratch, q[k], v[k])
-        return terms._replace(bias=bias, twists=twists)
+            forces[k] = pin.nonLinearEffects(model, data, q[k], v[k])
+        return forces
 
-    def drift(self, terms: Terms) -> Array:
+    def drift(self, frames: FrameStack, v: Array) -> Array:
         """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
-        motions = move_with_bodies(self.robot, terms.frames, terms.twists)
-        return closure_drift(self.equations[0].rows, motions)
+        twists = twists_of(scratch_of(self.robot), self._models(len(v)), frames.q, v, np.zeros_like(v))
+        return closure_drift(self.equations[0].rows, move_with_bodies(self.robot, frames, twists))
 
 
 def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
@@ -406,19 +393,6 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
     matrix[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
     matrix[:, nv:, :nv] = jacobian
     return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
-
-
-def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
-    """Compute the terms of one run that depend on velocities, at q (nq,) and v (nv,).
-
-    The screws of the joints, from which frames are collected, are computed in the memory `scratch`, too.
-
-    Returns:
-        The bias forces (nv,); the twists of all bodies and their time derivatives (2, bodies, 6).
-    """
-    bias = pin.nonLinearEffects(model, scratch.data, q, v)
-    pin.computeForwardKinematicsDerivatives(model, scratch.data, q, v, np.zeros_like(v))
-    return bias, np.stack([scratch.velocities, scratch.accelerations])
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:

@@ -54,6 +54,12 @@ class MapCurve(ReadOnlyArrays):
 
     x: Array  # (m, 2) platform coordinates on the map's two axes
     q: Array  # (m, nq)
+    kind: str  # as in `LocusCurve`
+
+    @property
+    def is_type2(self) -> bool:
+        """Whether the motors lose hold of the platform, not the loops or a leg of its joints."""
+        return self.kind in ("type_2", "self_motion")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +77,10 @@ class MapLocus(ReadOnlyArrays):
         """The result in words."""
         if self.why_not:
             return f"not traced: {self.why_not}"
-        count = len(self.curves)
+        count = sum(curve.is_type2 for curve in self.curves)
         curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
+        if count < len(self.curves):
+            curves += f" of Type 2 and {len(self.curves) - count} of the loops or legs themselves"
         if self.sign_changes:
             missed = len(self.unexplained)
             rest = f"at {missed} no curve passes" if missed else "all explained"
@@ -260,7 +268,8 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     breaks = np.flatnonzero(is_jump | leaves_or_enters) + 1
 
     parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
-    return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
+    parts = [part for part in parts if len(part) > 1 and is_on[part].any()]
+    return [MapCurve(x[part], curve.q[part], curve.kind) for part in parts]
 
 
 class _Neighbours(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -48,22 +48,33 @@ from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
-    """A point of the path at which the motors do not hold the robot, springs at rest.
+    """A point of the path at which the motors do not hold the robot, springs at rest or deflected.
 
     Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
-    `resolution` is None for transversal points, and where it was not measured.
+    `resolution` is None for transversal points, and where it was not measured. At a point that the user
+    imposes (contact "imposed") the pose need not be singular; its motion is the least controlled one.
     """
 
     s: float
     kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
-    contact: str  # of the path with the locus: transversal or tangential
+    contact: str  # of the path with the locus: transversal, tangential or imposed
     corank: int  # number of motions that escape at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,) coordinates x
     slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
-    q: Array  # (nq,)
     motion: Array  # (nv,) joint rates of the twist
+    pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,)."""
+        return self.pose.frames.q[0]
+
+    @property
+    def is_imposed(self) -> bool:
+        """Whether the user imposes the point."""
+        return self.contact == "imposed"
 
 
 class SearchedPath(NamedTuple):
@@ -107,12 +118,6 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
-        has_continuations = type2.branch is not branch  # `_measure_type_1` has added them
-        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
-            edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
-            branch = branch.through(edges, q)
-            type2 = replace(type2, branch=branch)
         contacts = find_contacts(type2, resolved)
         misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:
@@ -161,7 +166,7 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix.along(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
@@ -262,7 +267,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     everywhere.
     """
     robot = branch.robot
-    if not len(robot.structure.dropped):
+    if not len(robot.structure.dropped) or robot.structure.varies:
         return
     all_loops = scaled_equations(robot, robot.rows, linearised.frames).jacobian[0]  # (rows, nv)
     all_values = singular_values(all_loops[:, robot.moving])
@@ -300,9 +305,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
-    points = stencil(s)
-    closed = branch.close(points)
-    linearised = closed.linearised.select(1)  # at s, the middle of the stencil
+    linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     path_twist = branch.robot.platform.path_twist(branch.path, s)
@@ -314,27 +317,26 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
         corank=uncontrolled.corank,
         twist=sign * uncontrolled.twist,
         platform=branch.path(s),
-        slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
-        q=linearised.frames.q[0],
+        slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
         motion=sign * uncontrolled.motion,
+        pose=linearised,
         resolution=contact.resolution,
     )
 
 
-def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, corank: int) -> float:
+def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
     If several motions escape, the result is the least slope of their singular values, without sign.
 
     Args:
         passive: the matrix of the passive columns.
-        linearised: the loops on the `stencil` of s (T = 3).
         corank: number of motions that escape at s.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
     points = stencil(s)
-    P = passive.matrix(linearised)  # (3, n_p, n_p)
+    P = passive.evaluate(points)  # (3, n_p, n_p)
     local = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
         return local.slope

@@ -8,11 +8,12 @@ import pytest
 from scipy.optimize import minimize
 
 import robots
-from framework import ControlCycle, InvalidInput, assemble
+from framework import ControlCycle, InvalidInput, NotAssembled, ParallelRobot, assemble
 from framework.atlas.nearest import nearest_pose
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
+from tests.kinematics.linkages import frame, joint, linkage
 from tests.oracles import five_bar_pose
 from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
 
@@ -113,6 +114,51 @@ def test_a_stretched_leg_and_a_range_are_named():
     stretched = nearest_pose(robots.load("five_bar"), [0.3, 0.6])
     assert stretched.stops == ("a leg is stretched or folded (Type 1)",)
     assert "right_slide ends its range" in nearest_pose(robots.load("biglide"), [0.0, 0.6]).stops
+
+
+CRANK, ROD = 0.12, 0.31  # m
+
+
+def slider_crank(folder, angle, lower, upper, slide=""):
+    """A crank and a rod that push a block along x; the crank is drawn at an angle and has a range [rad]."""
+    sine = CRANK * np.sin(angle)
+    block = CRANK * np.cos(angle) + np.sqrt(ROD**2 - sine**2)
+    elements = (
+        joint("crank", "base", kind="revolute", limit=f'lower="{lower}" upper="{upper}"', mass=1)
+        + joint("rod", "crank_link", (CRANK, 0, 0), mass=1)
+        + frame("pin", "rod_link", (ROD, 0, 0))
+        + joint("block", "base", axis="x", kind="prismatic", limit=slide or 'lower="-9" upper="9"', mass=1)
+    )
+    return ParallelRobot.from_description(
+        linkage(
+            folder,
+            elements,
+            "platform: {joints: [block]}\nactuators: [{joint: crank}]\n"
+            "closures: [{name: pin, frames: [pin, block_link], axes: [x, y]}]\n"
+            f"reference: {{crank: {angle}, rod: {-np.arcsin(sine / ROD) - angle}, block: {block}}}\n",
+        ).description
+    )
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.9, 1.4, -1.3])
+def test_the_nearest_pose_is_within_ranges_whatever_the_reference(tmp_path, angle):
+    """At crank angle a the block is at CRANK cos a + sqrt(ROD^2 - (CRANK sin a)^2), which falls with |a|."""
+    robot = slider_crank(tmp_path, angle, -0.4, 0.5)
+    end = 0.5 if angle > 0 else -0.4
+    at_end = CRANK * np.cos(end) + np.sqrt(ROD**2 - (CRANK * np.sin(end)) ** 2)
+    found = nearest_pose(robot, [0.3])
+    assert found.stops == ("crank ends its range",)
+    np.testing.assert_allclose(found.x, at_end, atol=1e-9)
+    assert not describe_pose(robot, found.q).exceeded
+    cycle = ControlCycle(robot)  # drawn beyond its range, and led by hand
+    np.testing.assert_allclose(cycle.approach([0.3]).x, at_end, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_where_no_pose_is_within_ranges_none_is_called_nearest(tmp_path):
+    robot = slider_crank(tmp_path, 1.0, -0.4, 0.5, slide='lower="0.1" upper="0.3"')  # block beyond 0.4 m
+    with pytest.raises(NotAssembled, match="no pose within them was found"):
+        nearest_pose(robot, [0.3])
 
 
 def test_a_cycle_waits_at_the_nearest_pose_and_returns():

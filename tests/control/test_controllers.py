@@ -13,6 +13,7 @@ from framework.control.controllers import (
     ComputedTorque,
     RobotState,
     estimate_state,
+    fading_thresholds,
     linearise_error,
     solve_damped,
     solve_riccati,
@@ -126,18 +127,42 @@ def test_the_consistent_solution_is_the_solution_where_there_is_one():
     random = np.random.default_rng(5)
     regular, right = np.eye(4) + 0.1 * random.standard_normal((3, 4, 4)), random.standard_normal((3, 4))
     np.testing.assert_allclose(
-        solve_damped(regular, right), np.linalg.solve(regular, right[..., None])[..., 0], atol=1e-12
+        solve_damped(regular, right, np.full(4, 0.1)),
+        np.linalg.solve(regular, right[..., None])[..., 0],
+        atol=1e-12,
     )
     u, _, v = np.linalg.svd(random.standard_normal((4, 4)))
     singular = u @ np.diag([3.0, 2.0, 1.0, 0.0]) @ v
-    found = solve_damped(singular[None], right[:1])[0]
+    found = solve_damped(singular[None], right[:1], np.full(4, 0.1))[0]
     np.testing.assert_allclose(found, np.linalg.pinv(singular) @ right[0], atol=1e-12)
 
 
 def test_a_run_without_numbers_has_no_consistent_solution_and_leaves_the_others_theirs():
     matrices, right = np.tile(np.eye(2), (3, 1, 1)), np.ones((3, 2))
     matrices[1, 0, 0] = np.nan
-    np.testing.assert_array_equal(solve_damped(matrices, right), [[1, 1], [np.nan, np.nan], [1, 1]])
+    np.testing.assert_array_equal(
+        solve_damped(matrices, right, np.full(2, 0.1)), [[1, 1], [np.nan, np.nan], [1, 1]]
+    )
+
+
+def test_what_is_small_in_every_pose_is_no_singularity():
+    """Singular values 1 and 1e-3 along a plan; one decimal of the lesser beside a singularity is damped."""
+    plan = np.array([[[1.0, 0.0], [0.0, least]] for least in (1e-3, 9e-4, 8e-4)])
+    thresholds = fading_thresholds(plan)
+    np.testing.assert_allclose(
+        solve_damped(plan, np.ones(2), thresholds), [[1, 1e3], [1, 1 / 9e-4], [1, 1 / 8e-4]]
+    )
+    beside = np.diag([1.0, 1e-4])
+    assert solve_damped(beside[None], np.ones(2), thresholds)[0, 1] < 2e3  # of 1e4
+
+
+def test_the_aware_law_is_the_naive_one_where_nothing_is_singular():
+    """Of the delta's platform the least singular values are a hundredth of the largest in every pose."""
+    ref = reference("delta", "pick")
+    aware, naive = (ComputedTorque.tune(ref, aware=choice) for choice in (True, False))
+    for k in (0, len(ref.times) // 2, len(ref.times) - 1):
+        seen = platform_state(ref, k, np.array([1e-3, -2e-3, 1e-3]))
+        np.testing.assert_allclose(aware.torque(k, seen), naive.torque(k, seen), rtol=1e-9)
 
 
 def test_the_aware_law_is_the_naive_one_far_from_the_crossing():

@@ -1,6 +1,7 @@
 """Generalised forces by power and by virtual work, which know nothing of how they were computed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -147,3 +148,20 @@ def test_without_elastic_inertia_forces_are_those_of_deflections_that_stand_stil
         tree_forces(unfelt, bending), tree_forces(robot, still), rtol=0, atol=1e-10 * size
     )
     assert np.abs(tree_forces(robot, bending) - tree_forces(robot, still)).max() > 1e-3 * size
+
+
+@pytest.mark.parametrize("name", ["five_bar", "spherical_rrr", "three_upu"])  # the last one has balls
+def test_a_stack_has_the_forces_of_its_instants_also_of_a_body_changed_in_place(name):
+    shared = robots.load(name)
+    robot = replace(shared, model=shared.model.copy())
+    model, data = robot.model, robot.model.createData()
+    random = np.random.default_rng(0)
+    steps, v, a = random.standard_normal((3, 12, robot.nv))
+    q = np.array([pin.integrate(model, robot.reference.q, step) for step in steps])
+    for _ in range(2):
+        single = np.array([pin.rnea(model, data, *state) for state in zip(q, v, a, strict=True)])
+        for part in (slice(None), slice(None, None, 3), slice(0)):  # whole, with gaps in memory, empty
+            motion = SimpleNamespace(q=q[part], v=v[part], a=a[part], wrenches=())
+            assert np.array_equal(tree_forces(robot, motion), single[part])
+        body = model.inertias[2]
+        model.inertias[2] = pin.Inertia(body.mass + 1.0, body.lever, body.inertia)

@@ -1,17 +1,23 @@
 """The derivatives of the equations along the joints, and bounds on how they change over boxes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import robots
+from framework import ParallelRobot
 from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import legs
+from framework.model.description import Actuator, Closure, Platform
+from framework.proofs import derivative_bounds
 from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.leg_paving import are_leg_solutions_complete, collect_leg_equations
 from framework.proofs.passive_joints import distinct_rows
 from framework.proofs.working_modes import working_modes
 from framework.tolerances import DISTINCT_SOLUTIONS
+from tests.mutated_code import mutated_code
 
 # point rows on base axes and on a frame's, slides, directions, distances, turns and joints as platform
 ROBOTS = ("biglide", "three_rpr", "agile_eye", "delta", "par4", "orthoglide", "humanoid_ankle", "bricard")
@@ -121,7 +127,7 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
             continue
         own, given = posed(robot, leg)
         near = np.array([difference(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]
-        near = near[distinct_rows(near)]
+        near = near[distinct_rows(np.exp(1j * near))]
         assert are_leg_solutions_complete(robot, own, given, q, near, robot.reference.x)
         for k in range(len(near)):
             rest = np.delete(near, k, axis=0)
@@ -131,4 +137,69 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
 def test_a_row_repeats_only_those_that_stay():
     steps = 0.6 * DISTINCT_SOLUTIONS * np.arange(5.0)
     assert distinct_rows(steps[:, None]) == [0, 2, 4]
-    assert distinct_rows(np.array([[0.0, 1.0], [2 * np.pi, 1.0], [0.0, 1.1]])) == [0, 2]
+    angles = np.array([[0.0, 1.0], [2 * np.pi, 1.0], [0.0, 1.1]])
+    assert distinct_rows(np.exp(1j * angles)) == [0, 2]
+
+
+def robot_of(name, motors, platform, frames):
+    """A robot of the catalogue whose loop is closed by a rod of 0.12 m between two frames instead."""
+    description = replace(
+        robots.load(name).description,
+        actuators=tuple(Actuator(motor) for motor in motors),
+        platform=platform,
+        closures=(Closure("rod", frames, ("distance",), 0.12),),
+        springs=(),
+        scenes={},
+    )
+    return ParallelRobot.from_description(description)
+
+
+def check_thirds() -> None:
+    """The sum of |d3F_ijk| r_k at corners of boxes, about poses where levers vanish or a crank lies along x.
+
+    The links of the 5R are folded onto each other. Of a slider at s and the end of a crank at x = L, with the
+    rod between them, |p|^2 = s^2 + L^2 - 2 s L cos has the third derivatives 2 L and 2 s L.
+    """
+    slide = ("slide", "crank_pin"), Platform("rod", ("x", "rz")), ("slider", "rod")
+    bars = ("left_motor", "left_elbow", "right_motor"), Platform("left_tip", ("x", "y", "rz"))
+    for robot, joints, angle in (
+        (robots.load("five_bar"), ("left_elbow", "right_elbow"), np.pi),
+        (robot_of("five_bar", *bars, ("left_tip", "right_tip")), (), 0.0),
+        (robot_of("slider_crank", *slide), ("crank_bearing",), 0.0),
+    ):
+        bounds, rng = DerivativeBounds.of(robot), np.random.default_rng(1)
+        k, n = len(bounds.unknowns), robot.n
+        u, radii = rng.uniform(-1, 1, (24, k)), rng.choice([0.0, 0.5, 1.0], (24, k))
+        for joint in joints:
+            column = robot.model.joints[robot.model.getJointId(joint)].idx_v
+            u[:, robot.moving == column] = angle - robot.reference.q[column]
+        bound = bounds.evaluate(bounds.configurations(u)).remainders(radii).hessians[:, n:]
+        corner = u + radii * rng.choice([-1.0, 0.0, 1.0], radii.shape)
+        total = np.zeros_like(bound)
+        for joint, step in enumerate(STEP * np.eye(k)):
+            ahead, behind = (bounds.evaluate(bounds.configurations(corner + s * step)) for s in (1, -1))
+            rates = (ahead.hessians - behind.hessians)[:, n:] / (2 * STEP)
+            total += np.abs(rates) * radii[:, joint, None, None, None]
+        assert (total <= bound + 1e-7).all()
+
+
+def test_third_derivatives_are_within_their_bounds():
+    check_thirds()
+
+
+@pytest.mark.parametrize(
+    ("function", "old", "new"),
+    [
+        (derivative_bounds._bound_levers, "widened[:, j] += travel", "pass"),
+        (derivative_bounds._bound_levers, "travel + radii[:, j] * widened[:, j]", "travel"),
+        (derivative_bounds._bound_square_thirds, "(mixed + mixed.swapaxes(1, 2)", "(mixed"),
+        (derivative_bounds._bound_square_thirds, "(mixed + mixed.swapaxes(1, 2)", "(mixed.swapaxes(1, 2)"),
+        (derivative_bounds._bound_square_thirds, "travel * seconds + ", ""),
+        (derivative_bounds._bound_square_thirds, " + largest_distance * thirds", ""),
+        (derivative_bounds._bound_thirds, "abs(term.factor) * thirds", "thirds / 1.1"),
+    ],
+)
+def test_no_term_of_third_derivatives_is_idle(function, old, new, monkeypatch):
+    monkeypatch.setattr(function, "__code__", mutated_code(function, old, new))
+    with pytest.raises(AssertionError):
+        check_thirds()

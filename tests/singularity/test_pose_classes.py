@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at
+from framework.kinematics.linearised_loops import linearised_at
+from framework.singularity import type2
 from robots.generators import delta, gough_stewart
 from tests.oracles import five_bar as oracle
 from tests.robots import test_n_four_bar as n_four_bar
@@ -240,3 +242,20 @@ def test_no_contact_is_given_where_no_path_can_be_followed(robot):
     q = on_the_self_motion_circle(np.arctan2(np.sqrt(LINK**2 - 0.04), 0.2))
     with pytest.raises(InvalidInput, match="does not determine its joints"):
         classify(robot, q, along=[0.8, 0.6])
+
+
+@pytest.mark.parametrize("resting", [0, 1])
+def test_the_twist_is_of_a_motion_that_moves_the_platform(resting, monkeypatch):
+    """Of two motions one leaves the platform at rest, whichever comes last: t_s is that of the other."""
+    robot = robots.load("five_bar")
+    linearised = linearised_at(robot, robot.reference.q[None])
+    X = linearised.platform[0]
+    _, _, V = np.linalg.svd(X)
+    moving, still = 3.0 * V[0] + 0.5 * V[1], V[-1]  # X still = 0
+    motions = np.array([still, moving] if resting == 0 else [moving, still])
+    escaping = type2.EscapingMotions(frozenset({"type_2", "leg_passive"}), motions, 2, 2)
+    monkeypatch.setattr(type2, "escaping_motions", lambda *given, **options: escaping)
+    found = type2.uncontrolled_motion(robot, linearised)
+    assert (found.kind, found.corank) == ("type_2", 2)
+    assert np.linalg.norm(found.twist) == pytest.approx(1.0)
+    np.testing.assert_allclose(X @ found.motion, found.twist, atol=1e-12)

@@ -10,7 +10,7 @@ within the ranges of the joints. Two determinants, det(dx Z), zero at Type 1, an
 keep the sign that they have at the start, and at least a small share of their size at the reference. Finite
 differences of gradients along Z give H. After a step Newton's method closes the loops, and holds joints that
 the step has moved beyond their range at its end. A step is accepted if its correction is as small as one
-branch allows and every leg stays in its working mode.
+branch allows and every leg stays in its working mode. A start beyond ranges is led into them first.
 
 The search is local: no pose near the result is nearer to the target, but a pose elsewhere may be.
 """
@@ -149,7 +149,8 @@ class PoseSearch:
             earlier: results of searches from other starts. The search ends early if it is unlikely to find a
                 nearer pose, or if it arrives at one of these poses.
         """
-        iterate = self._evaluate(q, x, target)
+        inside = self.enter_ranges(q)
+        iterate = self._evaluate(q if inside is None else inside, x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_size) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
@@ -167,6 +168,35 @@ class PoseSearch:
             else:  # refused, or no nearer to the target
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
+
+    def enter_ranges(self, q: Array, *, least_step: float = 1e-4) -> Array | None:
+        """Lead the joints of a pose q (nq,) into their ranges; None if a singularity stops them.
+
+        The ranges are widened until they contain q. Then they shrink to their true size, and the pose follows
+        on its branch, as long as each step is longer than `least_step` of the way.
+        """
+        beyond = np.maximum(-self._range_margins(q), 0.0)  # (2 f,) by which the ranges are widened
+        share, step = float(beyond.any()), 1.0  # of `beyond`
+        loops = linearised_at(self.robot, q[None])
+        while share > 0.0:
+            next_q = self._close(q, beyond * max(share - step, 0.0))
+            is_near = False
+            if next_q is not None:
+                next_loops = linearised_at(self.robot, next_q[None])
+                motion = largest_motion(self.robot, difference(self.robot, q, next_q)[None])[0]
+                is_near = motion <= BRANCH_CORRECTION and self._keeps_modes(loops, next_loops)
+            if is_near and next_q is not None:
+                q, loops, share = next_q, next_loops, max(share - step, 0.0)
+            elif (step := 0.5 * step) < least_step:
+                return None
+        return q
+
+    def _keeps_modes(self, start: LinearisedLoops, end: LinearisedLoops) -> bool:
+        """Return whether a step keeps its working mode and, if motors hold the robot, its assembly mode."""
+        if not keeps_working_mode(self.robot, start, end)[0]:
+            return False
+        determinants = map(passive_determinants, (start, end))
+        return not self._motors_hold or bool(keeps_sign(*determinants)[0])
 
     def _has_ended(
         self,
@@ -269,25 +299,20 @@ class PoseSearch:
         least_margins = np.minimum(iterate.determinant_margins, -0.5 * LEAST_DETERMINANTS)
         if (next_iterate.determinant_margins < least_margins).any():
             return None
-        if not keeps_working_mode(self.robot, iterate.loops, next_iterate.loops)[0]:
-            return None
-        if self._motors_hold:
-            start, end = map(passive_determinants, (iterate.loops, next_iterate.loops))
-            if not keeps_sign(start, end)[0]:
-                return None
-        return next_iterate
+        return next_iterate if self._keeps_modes(iterate.loops, next_iterate.loops) else None
 
-    def _close(self, q: Array) -> Array | None:
+    def _close(self, q: Array, widening: Array | float = 0.0) -> Array | None:
         """Close the loops near q (nq,) by Newton steps of least norm; None without success.
 
-        An additional equation holds a joint that has left its range at the end of the range.
+        An additional equation holds a joint that has left its range at the end of the range. The ranges are
+        widened by `widening` (2 f,).
         """
         identity = np.eye(len(self._units))
         margin_slopes = np.vstack([identity, -identity])  # (2 f, f) derivatives of margins along the joints
         is_beyond = np.zeros(2 * len(identity), dtype=bool)  # whether a joint has passed an end of its range
         for _ in range(MAX_ITERATIONS):
             residual, J = self._equations(q)
-            margins = self._range_margins(q)
+            margins = self._range_margins(q) + widening
             is_beyond |= margins < 0.0
             gap = np.append(residual, margins[is_beyond])
             K = np.vstack([J, margin_slopes[is_beyond]])  # derivatives of the gap

@@ -34,12 +34,10 @@ from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
-# Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
-# solver takes steps of least norm (lsmr), because there are more joints than independent equations.
+# options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
 CLOSING: dict[str, Any] = {
     "max_nfev": 20,
-    "tr_solver": "lsmr",
     "xtol": 1e-12,
     "ftol": 1e-12,
     "gtol": 1e-12,
@@ -109,7 +107,10 @@ class _Group:
         """
         from scipy.optimize import least_squares
 
-        answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSING)
+        # steps of least norm (lsmr), as most loops have more joints than independent equations
+        solver = "lsmr" if len(start) > 1 else "exact"
+        bounds = self.lower, self.upper
+        answer = least_squares(self.gap, start, self.slope, bounds=bounds, tr_solver=solver, **CLOSING)
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:

@@ -24,7 +24,7 @@ from framework.errors import RobotFileError
 from framework.model.description import JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.mujoco_model import compile_mjcf, member_name
+from framework.model.readers.mujoco_model import check_expansion, compile_mjcf, member_name
 from framework.model.readers.urdf_tree import MAX_LOOPS, Transmission, UnreadElement, UrdfTree
 from framework.model.urdf_edits import (
     NewJoint,
@@ -70,6 +70,7 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
         for key, value in element.attrib.items():
             if "nan" in value.lower().split():  # MuJoCo would accept it
                 raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
+    check_expansion(root, file.parent)
     # `left_out` names unread elements one by one; `unused` counts those that no motion needs
     compiled, left_out, unused = compile_mjcf(file)
     if compiled.neq > MAX_LOOPS:

@@ -126,7 +126,7 @@ def _line_of_element(message: str, text: str) -> str:
     if named is None:
         return ""
     tag, name = named.groups()
-    element = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
+    element = re.search(rf"<{tag}\b[^<>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
     if element is None:
         return ""
     line = text.count("\n", 0, element.start()) + 1

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.torque_response import TorqueResponse, respond_to_law
 from framework.errors import (
+    InvalidInput,
     NoAnswer,
     NoLaw,
     NotAssembled,
@@ -33,7 +34,6 @@ from framework.errors import (
 )
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
-from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import check_rest, find_law_in_balance
 from framework.planning.optimal.least_softening import find_least_softening
@@ -46,8 +46,9 @@ from framework.planning.optimal.optimal_task import (
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
-from framework.planning.refusals import StaticFold
+from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, StaticFold, advice_of
 from framework.planning.request import limit_excess, motor_peaks
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     MAX_SOFTENING,
     PEAK_TORQUE_MISMATCH,
@@ -106,11 +107,57 @@ class OptimalMotion(NamedTuple):
 def optimal_motion(task: Task) -> OptimalMotion:
     """Find the best law within all limits, and certify its motion.
 
+    A refusal of limits advises others after a motion was certified with them.
+
     Raises:
         NoLaw: no law was found within the limits; the message says why.
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
+    try:
+        return _find_motion(task)
+    except NoLaw as refusal:
+        if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
+            refusal.evidence = evidence = _try_remedies(task, refusal.evidence)
+            if evidence.limits is not None:
+                refusal.args = (f"{refusal}; {advice_of(task.robot, evidence.limits)}",)
+        raise
+
+
+def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
+    """Return the evidence with those of its limits and durations for which a motion is certified.
+
+    Args:
+        task: the task that was refused.
+        evidence: the search for the least limits and the least duration.
+    """
+
+    def has_motion(**changes: Any) -> bool:
+        """Return whether a motion is certified with changes of the specification."""
+        to_cross = replace(task.to_cross, explained=False)
+        specification = replace(task.specification, **changes)
+        try:
+            _find_motion(task._replace(to_cross=to_cross, specification=specification))
+        except (NoAnswer, InvalidInput):
+            return False
+        return True
+
+    if evidence.quickest is not None:
+        duration = round_up(evidence.quickest, PRINTED_DIGITS)
+        bound = "longest" if task.specification.duration is None else "duration"
+        if has_motion(**{bound: duration}):
+            evidence = evidence._replace(duration=duration)
+            if task.robot.n_e:  # the least limits are those of the undeformed robot, and seldom suffice
+                return evidence
+    share = 1.0 - task.request.margin
+    for raised in evidence.least.options:
+        if has_motion(**{name: share * limit for name, limit in raised.items()}):
+            return evidence._replace(limits=raised)
+    return evidence
+
+
+def _find_motion(task: Task) -> OptimalMotion:
+    """Find the best law within all limits, and certify its motion; raise as `optimal_motion`."""
     check_single_crossings(task)
     points = find_crossing_points(task)
     robot = task.robot
@@ -138,7 +185,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
     return _certify_law(task, points, best)
 
 
-def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
+def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
     Args:
@@ -190,7 +237,7 @@ class _ElasticSearch:
 
     task: Task
     next_task: Task
-    points: Sequence[CrossingPoint]
+    points: Sequence[SingularPoint]
     sampled: SampledDemand | None
     stages: tuple[ElasticStage, ...]
     stage: int = 0

@@ -12,15 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
 from framework.laws.optimal_law import OptimalLaw
 from framework.laws.squared_speed import SpeedSpace
-from framework.numerics.arrays import Array
-from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
@@ -34,8 +32,9 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
-from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
-from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
+from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence
+from framework.singularity.points_on_path import SingularPoint
+from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
@@ -53,10 +52,8 @@ def find_undeformed_law(task: Task) -> Best:
     return find_law(task, points)
 
 
-def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
-    """Find the best law through crossing points.
-
-    Damping is linearised about the previous law, until the error of the linearisation is small.
+def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
+    """Find the best law through crossing points, with its own damping.
 
     Args:
         points: the points of the path where condition (8) must hold.
@@ -66,28 +63,68 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
-    best = solve_problem(problem)
-    if not task.robot.is_damped:
-        return best
+    result = _settle_damping(problem, points)
+    if isinstance(result, NoneFound):
+        raise refuse_law(result.program.problem, points, result)
+    return result
+
+
+def _settle_damping(
+    problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
+) -> Best | NoneFound:
+    """Find the best law, with damping linearised about the law itself.
+
+    The tangent of sqrt(z) at the z0 of a law exceeds sqrt(z). So a problem without a law about one z0 may
+    have one about another. The second z0 is that of the law of least peak without limits of torque.
+
+    Args:
+        problem: a problem without damping.
+        points: where condition (8) must hold.
+        enough: peak over the reference, with the damping of the law, below which the search may end.
+
+    Raises:
+        NotConverged: law and damping do not settle together.
+    """
+    result = find_best_law(problem)
+    if not problem.task.robot.is_damped:
+        return result
+    is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
-        problem = _linearise_damping(problem, points, best.law.squared_speed)
-        result = resume_law(best, problem)
-        if isinstance(result, NoneFound):  # search again, without the last law
-            result = find_best_law(problem, best.program.cells)
-        best = _require_law(problem, result)
-        error = _tangent_error(problem, best)
-        if error <= DAMPING_TORQUE_ERROR:
-            return best._replace(law=_meet_conditions(problem, points, best.law))
+        if isinstance(result, NoneFound):
+            if is_about_least_peak:
+                return result
+            is_about_least_peak = True
+            result = _settle_damping(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
+            if isinstance(result, NoneFound):
+                return result
+            problem = _linearise_damping(problem, points, result.law.squared_speed)
+            result = find_best_law(problem)
+            continue
+        problem = _linearise_damping(problem, points, result.law.squared_speed)
+        resumed = resume_law(result, problem)
+        if isinstance(resumed, NoneFound):  # search again, without the last law
+            resumed = find_best_law(problem, result.program.cells)
+        result = resumed
+        if isinstance(result, NoneFound):
+            continue
+        error = _tangent_error(problem, result)
+        if error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough:
+            return result._replace(law=_meet_conditions(problem, points, result.law))
     raise NotConverged(
-        f"{task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
-        f"use {other_law(task)}another duration",
+        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
+        f"use {other_law(problem.task)}another duration",
         residual=error,
     )
 
 
+def _lift_torque_limits(problem: LawProblem) -> LawProblem:
+    """Return the problem of least peak torque without limits of torque; the reference stays the same."""
+    return problem.with_goal("peak_torque", torque_limit=np.full_like(problem.reference, np.inf))
+
+
 def adapt_found_law(
     task: Task,
-    points: Sequence[CrossingPoint],
+    points: Sequence[SingularPoint],
     best: Best,
     *,
     excess: float = 1.0,
@@ -117,7 +154,7 @@ def adapt_found_law(
 
 
 def problem_of(
-    task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
+    task: Task, points: Sequence[SingularPoint], speed_places: Sequence[float] | None = None
 ) -> LawProblem:
     """Return the problem of a task, without damping.
 
@@ -147,7 +184,7 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
+def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
@@ -156,7 +193,7 @@ def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0:
 def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
     """Return the law of a search; raise the refusal if none was found."""
     if isinstance(result, NoneFound):
-        raise refuse_law(problem, result)
+        raise refuse_law(problem, (), result)
     return result
 
 
@@ -179,7 +216,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     return float(np.abs(torque_error / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: OptimalLaw) -> OptimalLaw:
     """Find the law nearest in speed that meets condition (8) with damping, to rounding.
 
     Args:
@@ -201,7 +238,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
     return law
 
 
-def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
+def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneFound) -> NoLaw | NotConverged:
     """Return the refusal of a problem without a law, with a proof or the evidence of a search.
 
     A motor that cannot hold the robot at an end of the path excludes every law. So does a bound of all peaks
@@ -209,6 +246,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     found either, the limits may not be the reason: the search has not converged.
 
     Args:
+        points: where condition (8) must hold.
         none: the failed search.
     """
     name = problem.task.robot.name
@@ -224,7 +262,8 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
         return not_found
 
     # a proof, if there is one, and what would help
-    evidence = _search_remedies(problem, cells, least, is_held=holding is None)
+    is_open = holding is None and problem.specification.max_duration is not None
+    evidence = SearchEvidence(cells, least, _find_quickest(problem, points) if is_open else None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
     proof = find_refuting_bound(problem.task)
@@ -232,23 +271,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
         reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
-    advice = _limits_advice(problem, evidence)
-    return NoLaw(f"{name}: {reason}: {evidence.sentence}{advice}", proof=proof, evidence=evidence)
-
-
-def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_held: bool) -> SearchEvidence:
-    """Search for a duration and for limits with which a refused problem has a law.
-
-    Args:
-        cells: number of cells of the search that failed.
-        least: the least multiples of the limits with which a law was found.
-        is_held: whether motors can hold the robot at both ends of the path; otherwise no duration helps.
-    """
-    specification = problem.specification
-    limited = specification.limited or specification.limited_speeds
-    quickest = _find_quickest(problem) if is_held and specification.max_duration and limited else None
-    limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
-    return SearchEvidence(cells, least, quickest, limits)
+    return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
@@ -266,16 +289,10 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     uncounted = " (dry friction, which may hold some of it, not counted)" if has_friction else ""
     return NoLaw(
         f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
-        f"{unit} at rest{uncounted}, and may {allowed}{_limits_advice(problem, evidence)}",
+        f"{unit} at rest{uncounted}, and may {allowed}",
         proof=holding,
         evidence=evidence,
     )
-
-
-def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
-    """Return the clause that advises limits for which a law was planned; empty without such limits."""
-    limits = evidence.limits
-    return "" if limits is None else f"; {advice_of(problem.task.robot, limits)}"
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
@@ -290,7 +307,8 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
         torque, speed = _find_peaks(problem, "limits")
-    return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
+    share = 1.0 - problem.task.request.margin
+    return LeastLimits.of(specification, torque, speed, share, together=together and torque is not None)
 
 
 class _RelativePeaks(NamedTuple):
@@ -315,22 +333,16 @@ def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
     return _RelativePeaks(least.speed.peak, least.speed.peak_speed)
 
 
-def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits, less the margin of the request.
+def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> float | None:
+    """Find a duration [s] near the least within the limits; None without limits or if no law was found.
 
     Args:
-        limits: raised limits (n_a,) by the names of `Specification`.
+        points: where condition (8) must hold.
     """
-    share = 1.0 - problem.task.request.margin
-    within: dict[str, Any] = {name: share * limit for name, limit in limits.items()}
-    task = problem.task._replace(specification=replace(problem.specification, **within))
-    return isinstance(find_best_law(problem._replace(task=task)), Best)
-
-
-def _find_quickest(problem: LawProblem) -> float | None:
-    """Find a duration [s] near the least within the limits; None if no law was found."""
-    best = find_best_law(problem.with_goal("time", duration=None, longest=None))
-    return best.law.duration if isinstance(best, Best) else None
+    if not (problem.specification.limited or problem.specification.limited_speeds):
+        return None
+    result = _settle_damping(problem.with_goal("time", duration=None, longest=None), points)
+    return result.law.duration if isinstance(result, Best) else None
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:

@@ -175,3 +175,17 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
     pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
     assert main(["check", str(file), "--reference", *pasted]) == 0
+
+
+@pytest.mark.parametrize("kind", ["spherical", "fixed", "revolute"])
+def test_one_joint_that_cannot_close_its_loop_is_refused(tmp_path, kind):
+    """An arm of 1 m ends 2 m from a point at 3 m, wherever it turns within its range."""
+    limit = 'lower="-1" upper="1"'
+    arm = joint("arm", "base", kind="revolute", limit=limit, mass=1) + frame("tip", "arm_link", (1, 0, 0))
+    content = (
+        "platform: {joints: [arm]}\nactuators: [{joint: arm}]\n"
+        f"closures: [{{name: pin, frames: [post, tip], kind: {kind}}}]\n"
+    )
+    robot = linkage(tmp_path, arm + frame("post", "base", (3, 0, 0)), content)
+    with pytest.raises(NotAssembled, match="do not close"):
+        find_closed_pose(robot)

@@ -1,7 +1,8 @@
 """Bounds of all laws: closed forms, integrals with many digits, and laws that must not be below them."""
 
 from dataclasses import replace
-from itertools import pairwise
+from fractions import Fraction
+from itertools import pairwise, product
 from types import SimpleNamespace
 
 import mpmath
@@ -11,15 +12,19 @@ import pytest
 import robots
 from framework import Line, ParallelRobot, plan_crossing
 from framework.model.description import JointDynamics
+from framework.numerics.bernstein import DEGREE, Bernstein
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal import path_series, peak_bound
+from framework.planning.optimal.dual_program import DualProgram, Multipliers
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.path_series import PathSeries
 from framework.planning.optimal.peak_bound import bound_duration, bound_peak, find_refuting_bound
 from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
 from framework.planning.request import Request, Specification, specification_of
 from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
+from tests.mutated_code import mutated_code
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 MASS, LIMIT = 3.0, 2.0
@@ -201,6 +206,81 @@ def _sign_changes(function, points):
                 )
             found.append(low)
     return found
+
+
+def least_cost(factor, damping, lam):
+    """The least of F y^2 + w y + lambda / y over y > 0, with thirty digits."""
+    with mpmath.workdps(30):
+        y = mpmath.findroot(lambda y: 2 * factor * y**3 + damping * y**2 - lam, 0.6)
+        return factor * y**2 + damping * y + lam / y
+
+
+def test_a_bound_counts_the_errors_of_its_series():
+    """Constant functions, each anywhere within its error: no law of any of them is below the bound.
+
+    One motor and one cell, with nu = x v, c, cz, cu, d, k constant: the least of F z + w sqrt(z) + lambda
+    / sqrt(z) is found with thirty digits, for the worst of all signs. A sum of many cells without errors is
+    rounded down.
+    """
+    errors = {"v": 0.03, "constant": 0.05, "per_z": 0.04, "damping": 0.02, "squared_speed": 0.06}
+    values = {"v": 1.0, "constant": 0.9, "per_z": 0.8, "damping": 0.3, "squared_speed": 0.5}
+    mu, lam = 0.1, 0.7
+
+    def series_of(widths, shapes):
+        """Constant functions on cells, with their errors."""
+        k = len(widths)
+        bernstein = {
+            name: Bernstein(np.full((k, DEGREE + 1, *shape), values[name]), np.full((k, *shape), error))
+            for (name, error), shape in zip(shapes.items(), [(1, 1), (1,), (1,), (1,), (1,)], strict=True)
+        }
+        return PathSeries(np.append(0.0, np.cumsum(widths)), np.zeros((k, 0, 1)), **bernstein)
+
+    for damped in (-1.0, 0.0, 1.0):
+        values["damping"] = 0.3 * damped
+        x = np.ones((1, 3, 1))
+        multipliers = Multipliers(x, np.array([[mu]]), np.full((1, 2), 0.84), lam)
+        series = series_of([1.0], errors)
+        for longest, timed in ((1.3, False), (None, True)):
+            bound = DualProgram(series, longest, timed).evaluate_bound(multipliers)
+            least = mpmath.inf
+            for sides in product((-1, 1), repeat=5):
+                v, c, cz, d, k = (
+                    values[name] + side * errors[name] for name, side in zip(errors, sides, strict=True)
+                )
+                total = c - mu + least_cost(cz + mu * k, d, lam)
+                true = (total - abs(v)) / lam if timed else (total - lam * longest) / abs(v)
+                least = min(least, true)
+            assert not bound.shortfall.any()
+            assert bound.value <= least
+            assert bound.value > 0.9 * least
+
+    values |= {"constant": 1 / 3, "damping": 0.0}
+    no_errors = dict.fromkeys(errors, 0.0)
+    for seed in range(20):
+        widths = np.random.default_rng(seed).uniform(0.5, 1.0, 99)
+        k = len(widths)
+        multipliers = Multipliers(np.ones((k, 3, 1)), np.zeros((k, 1)), np.full((k, 2), 0.8), 0.0)
+        series = series_of(widths, no_errors)
+        exact = Fraction(1 / 3)  # nu is 1: the ratio of both integrals
+        assert DualProgram(series, None, False).evaluate_bound(multipliers).value <= exact
+
+
+@pytest.mark.parametrize(
+    ("function", "old", "new"),
+    [
+        (DualProgram._bound_terms, "damping.min(axis=1) - damping_error", "damping.min(axis=1)"),
+        (DualProgram._bound_terms, "constant.mean(axis=1) - constant_error", "constant.mean(axis=1)"),
+        (DualProgram._bound_norm, ".sum(axis=1) + error", ".sum(axis=1)"),
+        (DualProgram._bound_distance, " - error - (mu", " - (mu"),
+        (DualProgram._bound_distance, " - (mu * series.squared_speed.error).sum(axis=1)", ""),
+        (DualProgram.evaluate_bound, " - rounding", ""),
+        (DualProgram.evaluate_bound, "float(value)", "1.1 * float(value)"),
+    ],
+)
+def test_no_error_of_a_bound_is_idle(function, old, new, monkeypatch):
+    monkeypatch.setattr(function, "__code__", mutated_code(function, old, new))
+    with pytest.raises(AssertionError):
+        test_a_bound_counts_the_errors_of_its_series()
 
 
 def test_units_change_a_bound_as_they_change_what_is_bounded(monkeypatch):

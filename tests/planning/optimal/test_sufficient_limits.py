@@ -1,11 +1,14 @@
 """Limits that are too low: refused with numbers that would do, and planned with these."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoLaw, plan_crossing
+from framework import Line, NoLaw, ParallelRobot, plan_crossing
 from framework.errors import format_distinct
+from framework.model.description import JointDynamics
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
@@ -54,3 +57,39 @@ def test_two_numbers_that_differ_are_shown_with_the_digits_that_differ(other):
     assert one != two
     assert float(one) == pytest.approx(0.9211, rel=1e-3)
     assert format_distinct(other, other)[0] == format_distinct(other, other)[1]
+
+
+def damped(*, damping: float, friction: float) -> ParallelRobot:
+    """The five-bar with a left motor that has damping [N m s] and dry friction [N m] on the joint side."""
+    description = robots.load("five_bar").description
+    joints = {"left_motor": JointDynamics(friction=friction, damping=damping)}
+    return ParallelRobot.from_description(replace(description, joints=joints))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{"duration": DURATION}, {"optimize": "time", "longest": 1.0}])
+@pytest.mark.parametrize(("damping", "friction"), [(0.4, 1.5), (10.0, 0.0), (40.0, 0.0)])
+def test_limits_and_durations_that_would_do_count_damping_and_friction(damping, friction, options):
+    """A remedy of the robot without its damping would be refused in its turn; the bound shows the same."""
+    robot = damped(damping=damping, friction=friction)
+    least = max(plan_crossing(robot, LINE, duration=DURATION, law="optimal").peak_torque.values())
+    options = {**options, "torque_limit": 0.7 * least}
+    with pytest.raises(NoLaw, match="would do") as refused:
+        plan_crossing(robot, LINE, **options)
+    evidence, remedy = refused.value.evidence, refused.value.remedy
+    for change in (evidence.limits, remedy):
+        limit = change.get("torque_limit", options["torque_limit"])
+        kept(plan_crossing(robot, LINE, **{**options, **change}), torque_limit=limit)
+    assert f"{evidence.limits['torque_limit'].max():.6g} N m would do" in str(refused.value)
+    assert (
+        1.0 < evidence.least.torque_peak / refused.value.proof.value < 1.1
+    )  # no law has less than the bound
+
+
+def test_a_limit_that_would_do_leaves_the_margin_free_that_was_asked_for():
+    robot = robots.load("five_bar")
+    options = {"duration": DURATION, "margin": 0.2}
+    with pytest.raises(NoLaw, match="would do") as refused:
+        plan_crossing(robot, LINE, torque_limit=0.03, **options)
+    limit = refused.value.evidence.limits["torque_limit"]
+    kept(plan_crossing(robot, LINE, torque_limit=limit, **options), torque_limit=0.8 * limit)

@@ -1,0 +1,62 @@
+"""Required times of crossings: no refusal where a linear program finds a monotone polynomial.
+
+The requests are drawn once: a random robot, and times of its crossings between 0.2 and 0.8 of its duration.
+"""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from framework import NoAnswer, plan_crossing
+from framework.planning.crossing_points import path_to_cross
+from framework.planning.request import Request
+from framework.singularity.points_on_path import search_path
+from tests.dynamics.upright_robots import Crossing, rigid_crossing
+from tests.oracles.equations_of_motion import defects_of
+from tests.oracles.monotone_laws import advances
+
+SEED, REQUESTS, ROBOTS = 20261128, 200, 42
+EARLIEST, LATEST, APART = 0.2, 0.8, 0.05  # times over the duration; between two of them
+CHEAP = 6  # requests of the plain tests
+
+
+def draw(k: int) -> tuple[Crossing, list[float], bool]:
+    """The k-th request: a robot, the times [s] of its crossings, whether speeds are given too."""
+    rng = np.random.default_rng([SEED, k])
+    one = rigid_crossing(int(rng.integers(ROBOTS)))
+    count = len(search_path(one.robot, one.path).points)
+    while True:
+        shares = np.sort(rng.uniform(EARLIEST, LATEST, count))
+        if np.diff(shares).min(initial=1.0) > APART:
+            return one, (one.duration * shares).tolist(), False
+
+
+def has_monotone_law(one: Crossing, times: list[float], degree: int) -> bool:
+    """Whether the oracle finds a law; condition (8) gives s" at each crossing."""
+    request = Request.of(one.robot, one.path, duration=one.duration, times=times)
+    to_cross = path_to_cross(search_path(one.robot, one.path), request)
+    places = [point.s for point, _ in to_cross.undeformed_crossings]
+    given = [condition for _, condition in to_cross.undeformed_crossings]
+
+    def acceleration(condition, v: float) -> float:
+        return -(condition.beta * v**2 + condition.gamma + condition.delta * v) / condition.alpha
+
+    accelerations = [partial(acceleration, condition) for condition in given]
+    return advances(one.duration, request.smoothness, places, times, accelerations, degree=degree)
+
+
+@pytest.mark.parametrize(
+    "k", [pytest.param(k, marks=() if k < CHEAP else pytest.mark.slow) for k in range(REQUESTS)]
+)
+def test_no_times_are_refused_for_which_the_oracle_finds_a_law(k):
+    one, times, _ = draw(k)
+    try:
+        plan = plan_crossing(one.robot, one.path, duration=one.duration, times=times)
+    except NoAnswer as refusal:
+        assert not has_monotone_law(one, times, degree=24), f"{one.name}: {refusal}"
+        return
+    np.testing.assert_allclose([crossing.time for crossing in plan.crossings], times, rtol=1e-9)
+    assert plan.certificate.monotone
+    defect = defects_of(plan)
+    assert max(defect.open / max(one.robot.length, 1.0), defect.acceleration, defect.force) < 1e-8
