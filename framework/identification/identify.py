@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -143,8 +144,8 @@ class Identification(ReadOnlyArrays):
             f"{self._find_reason()}",
         )
 
-    def _find_reason(self, *, coarse: float = 0.05) -> str:
-        """Say why the data determine no twin: `coarse` steps of a torque, or parameters without effect."""
+    def _find_reason(self, *, coarse: float = 0.05, unexplained: float = 0.5) -> str:
+        """Say why the data determine no twin: `coarse` steps of a torque, or a share left `unexplained`."""
         motors = self.robot.actuator_names
         worst = int(np.argmax(self.steps))
         if self.steps[worst] > coarse:
@@ -152,12 +153,13 @@ class Identification(ReadOnlyArrays):
                 f"torque_{motors[worst]} is recorded in steps of {100 * self.steps[worst]:.0f} % of its "
                 f"largest value: record finer steps, or a motion with larger torques"
             )
-        unseen = [quantity.name for quantity in self.quantities if not quantity.determined]
-        if self.rivals[0] in ("file", "payload alone") and np.linalg.norm(self.error_after) < 1.0:
-            return "what these data show beyond it is no larger than their noise"
-        if unseen:
-            return f"this motion does not show {', '.join(unseen[:3])}: it needs larger accelerations"
-        return "the torques follow something that the model does not contain"
+        least = min(float(np.max(prediction.errors)) for prediction in self.predictions)
+        if least > unexplained:
+            return (
+                f"even the best model leaves {100 * least:.0f} % of a torque: noise, or forces that these "
+                f"models do not contain"
+            )
+        return "what these data show beyond it is no larger than their noise"
 
     @property
     def _description(self) -> RobotDescription:
@@ -270,8 +272,8 @@ def identify(
         test = torque_rows(robot, other, base)
 
     # the base parameters, then bodies that can exist
-    fit = _fit(rows, base, links, free if only else None, errors)
     by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (rank, f)
+    fit = estimate(rows, by_links if only else np.eye(base.rank), base.values, errors=errors)
     root = fit.root if only else fit.root @ by_links
     possible = fit_possible_parameters(robot, links, free, root, fit.right, prior)
     if only:
@@ -382,20 +384,6 @@ def _payload(robot: ParallelRobot, base: BaseParameters, links: LinkParameters) 
 # ------------------------------------------------------------------ fits and predictions
 
 
-def _fit(
-    rows: TorqueRows,
-    base: BaseParameters,
-    links: LinkParameters,
-    free: IntArray | None,
-    errors: Mapping[str, float],
-) -> Estimate:
-    """Fit changes of the base parameters, or of the parameters `free` (f,) of links and motors."""
-    if free is None:
-        return estimate(rows, np.eye(base.rank), base.values, errors=errors)
-    design = base.combinations.coefficients @ links.to_parameters[:, free]
-    return estimate(rows, design, base.values, errors=errors)
-
-
 def _compare(
     robot: ParallelRobot,
     base: BaseParameters,
@@ -422,15 +410,13 @@ def _compare(
     by_friction = columns @ friction.solve(base.described.sizes[is_friction])[0]
     models["friction alone"] = test.torque - test.matrix @ by_friction - friction.offset
     if tuple(only) != ("payload",):
-        try:
-            payload = np.array(_payload(robot, base, links))
-        except InvalidInput:  # the platform has no mass
-            payload = np.empty(0, dtype=np.intp)
-        if len(payload):
-            by_payload = _fit(rows, base, links, payload, errors)
-            possible = fit_possible_parameters(robot, links, payload, by_payload.root, by_payload.right, 1.0)
-            change = links.to_parameters @ (possible.values - links.values)
-            models["payload alone"] = residuals(base.values + base.combinations.coefficients @ change)
+        with suppress(InvalidInput):  # the platform has no mass
+            free = np.array(_payload(robot, base, links))
+            by_links = base.combinations.coefficients @ links.to_parameters[:, free]
+            payload = estimate(rows, by_links, base.values, errors=errors)
+            possible = fit_possible_parameters(robot, links, free, payload.root, payload.right, 1.0)
+            change = by_links @ (possible.values - links.values)[free]
+            models["payload alone"] = residuals(base.values + change)
     return _rank_models(models, test)
 
 
@@ -487,9 +473,8 @@ def _describe(
     table: list[tuple[str, str]] = []  # names and units of the u quantities
     table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
     for joint, column in zip(robot.actuator_names, robot.actuated, strict=True):
-        units = ("kg", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
-        rotor = "kg m^2" if robot.sliding[column] and robot.gear_ratio.any() else units[0]
-        table += zip([f"{joint}.{name}" for name in OF_MOTORS], (rotor, *units[1:]), strict=True)
+        units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
+        table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
 
     is_free = np.isin(np.arange(len(table)), free)
     allowed = prior * links.prior_sizes * is_free  # (u,) deviations

@@ -64,13 +64,8 @@ class SmoothedSamples(NamedTuple):
 
     def thin(self, stride: int) -> SmoothedSamples:
         """Return every `stride`-th sample."""
-        return SmoothedSamples(
-            self.values[:, ::stride],
-            self.cutoff,
-            self.rate_error[::stride],
-            self.acceleration_noise[::stride],
-            self.example[:, ::stride],
-        )
+        arrays = {"values", "rate_error", "acceleration_noise", "example"}
+        return self._replace(**{name: getattr(self, name)[..., ::stride, :] for name in arrays})
 
 
 def measured_motion(
