@@ -18,7 +18,7 @@ from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
-from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
+from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint, free_name
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     INERTIA_ENTRIES,
@@ -495,20 +495,25 @@ class UrdfTree(Tree):
         position = list(self.root).index(joint.element)
         self.root[position : position + 1] = elements
         del self.joints[joint.name]
+        self._add_to_tree(elements)
+
+    def _add_to_tree(self, elements: Iterable[Element]) -> None:
+        """Add links and joints that are in the XML to the tree, links before the joints that move them."""
         for element in elements:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
-                hinge = read_joint(element, set(self.links))
-                self._taken.add(hinge.name)
-                self.joints[hinge.name] = hinge
-                self.parent_joint[hinge.child] = hinge
+                joint = read_joint(element, set(self.links))
+                self._taken.add(joint.name)
+                self.joints[joint.name] = joint
+                self.parent_joint[joint.child] = joint
 
     def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
         """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
-        other equation of one joint fixes the joint, and one of two joints becomes a coupling.
+        other equation of one joint fixes the joint, one of two joints becomes a coupling, and one of more
+        becomes couplings of a massless chain.
 
         Args:
             name: of the equation.
@@ -524,14 +529,47 @@ class UrdfTree(Tree):
         if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
-        if len(arms) not in (1, 2) or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
+        if not arms or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
             return False
         (joint, arm), *leaders = arms.items()
+        if len(leaders) > 1:
+            ratios = {leader: -leader_arm / arm for leader, leader_arm in leaders}
+            self._follow_by_chain(name, self.joints[joint], ratios, offset / arm)
+            return True
         if not leaders:
             self.fix(self.joints[joint], offset / arm)
         for leader, leader_arm in leaders:
             self.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
         return True
+
+    def _follow_by_chain(
+        self, name: str, follower: Joint, ratios: Mapping[str, float], offset: float
+    ) -> None:
+        """Make a joint follow several: q = sum(ratio q_leader) + offset.
+
+        A chain of massless joints stands beside the follower, about or along the same axis. Each of them is
+        coupled with one leader, so that the last link moves by the sum. A closure holds the follower's link
+        to it.
+        """
+        slides = follower.kind == "prismatic"
+        origin = follower.origin
+        motions = []
+        for leader in ratios:
+            motion = free_name(f"{name}_{leader}", self._taken)
+            kind = "prismatic" if slides else "continuous"
+            motions.append(NewJoint(motion, kind, origin, follower.axis))
+            self.couplings.append(Coupling(motion, leader, ratios[leader], offset))
+            origin, offset = np.eye(4), 0.0  # of all but the first
+        last = free_name(f"{name}_sum", self._taken)
+        elements = [
+            Element("link", name=last),
+            *chain_elements(follower.parent, motions, last, np.eye(4), self._taken),
+        ]
+        self.root.extend(elements)
+        self._add_to_tree(elements)
+        ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
+        self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])
+        self.remarks.append(f"{name}: {follower.name} follows {', '.join(ratios)} by a massless chain")
 
     def _turning_axis(self, joint: Joint) -> Array:
         """Return the unit axis (3,) of a hinge in the base at zero joint positions."""

@@ -512,7 +512,7 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
     first = "package://no_such_arm/meshes/one.stl"
     assert (
         told
-        == f"2 meshes are not found, such as {first}, and not drawn; --package no_such_arm=FOLDER says where"
+        == f"meshes not found, and not drawn: 2, such as {first}; --package no_such_arm=FOLDER says where"
     )
     (tmp_path / "here" / "meshes").mkdir(parents=True)
     for name in ("one", "two"):
