@@ -7,14 +7,14 @@ both into records.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from framework.errors import RobotFileError, choose_from, nearest
+from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
@@ -37,10 +37,11 @@ from framework.tolerances import FILE_ROUNDING, INERTIA_ROUNDING
 
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
-# what motors turn by in transmissions of two joints, with the reductions n
-_LAWS_OF_TRANSMISSIONS = {
-    "DifferentialTransmission": "; the file's turn by n_a1 (n_j1 q1 + n_j2 q2) and n_a2 (n_j1 q1 - n_j2 q2)",
-    "FourBarLinkageTransmission": "; the file's turn by n_a1 n_j1 q1 and n_a2 (q1 + n_j2 q2)",
+# By how much both motors of a transmission turn, before their own gears, by a unit turn of either joint, for
+# the reductions n1 and n2 of the joints (transmission_interface of ros_control and ros2_control)
+_TURNS_OF_MOTORS: dict[str, Callable[[float, float], tuple[tuple[float, float], tuple[float, float]]]] = {
+    "DifferentialTransmission": lambda n1, n2: ((n1, n2), (n1, -n2)),
+    "FourBarLinkageTransmission": lambda n1, n2: ((n1, 0.0), (1.0, n2)),
 }
 # top-level elements that belong to every URDF; children that are read, of some of them
 _URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
@@ -60,6 +61,16 @@ class UnreadElement(NamedTuple):
     what: str  # for messages: element, name, effect and its size
     acts_on: Names  # joints and links
     is_decisive: bool = False
+
+
+class TwoJointTransmission(NamedTuple):
+    """Two motors that move two joints together, as a differential does."""
+
+    name: str
+    kind: str  # one of _TURNS_OF_MOTORS
+    joints: Names  # in the order of their roles, as the motors
+    motors: Names
+    reductions: Mapping[str, float]  # by joint and motor, where the file states one
 
 
 class Transmission(NamedTuple):
@@ -267,6 +278,7 @@ class UrdfTree(Tree):
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
+        self.two_joint_transmissions: list[TwoJointTransmission] = []
         for transmission in root.iter("transmission"):
             self._read_gears(transmission)
 
@@ -388,24 +400,65 @@ class UrdfTree(Tree):
         )
         kind = kind.strip().rpartition("/")[2]
         joints = [joint.get("name", "") for joint in transmission.findall("joint")]
-        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
-            # the motors of these are on no single joint
-            reductions = ", ".join(f"{part} {gear:g}" for part, gear in _reductions(transmission, where))
-            self.remarks.append(
-                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
-                f"{f' ({reductions})' if reductions else ''}: motors are taken to be at these joints, with "
-                f"no gears{_LAWS_OF_TRANSMISSIONS.get(kind, '')}"
-            )
-            return
         for part, reduction in _reductions(transmission, where):
             if not reduction:
                 raise RobotFileError(f"{where}: the reduction of {part} is zero")
+        if kind in _TURNS_OF_MOTORS:
+            motors = self._two_names(transmission, where, "actuator")
+            joints_by_role = self._two_names(transmission, where, "joint")
+            reductions = dict(_reductions(transmission, where))
+            self.two_joint_transmissions.append(
+                TwoJointTransmission(name, kind, joints_by_role, motors, reductions)
+            )
+            return
+        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
+            self.remarks.append(
+                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
+                f"to be at these joints, without gears"
+            )
+            return
+        for _, reduction in _reductions(transmission, where):
             for joint in joints:
                 self.gears[joint] = self.gears.get(joint, 1.0) * reduction
         if negative := [joint for joint in joints if self.gears.get(joint, 1.0) < 0.0]:
             self.remarks.append(
                 f"{where}: the motor of {negative[0]} turns against its joint; its sign is left out"
             )
+
+    @staticmethod
+    def _two_names(transmission: Element, where: str, tag: str) -> Names:
+        """Return the names of the two parts of a transmission with a tag, in the order of their roles."""
+        parts = sorted(transmission.findall(tag), key=lambda part: part.get("role", ""))
+        if len(parts) != 2:
+            raise RobotFileError(f"{where}: needs two <{tag}>, got {len(parts)}")
+        return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
+
+    def add_two_joint_transmissions(self) -> None:
+        """Add a massless rotor for each motor that moves two joints, and the equation of its turn."""
+        for transmission in self.two_joint_transmissions:
+            where = f"transmission {transmission.name!r}: {transmission.kind}"
+            for joint in transmission.joints:
+                check_name(where, "movable joint", joint, self.movable)
+            self.motors = [motor for motor in self.motors if motor not in transmission.joints]
+            reductions = [transmission.reductions.get(joint, 1.0) for joint in transmission.joints]
+            first_reduction, second_reduction = reductions
+            turns = _TURNS_OF_MOTORS[transmission.kind](first_reduction, second_reduction)
+            for motor, arms in zip(transmission.motors, turns, strict=True):
+                rotor = free_name(f"{motor}_rotor", self._taken)
+                name = free_name(motor, self._taken)
+                hinge = NewJoint(name, "continuous", np.eye(4), unit_vector("z"))
+                elements = [
+                    Element("link", name=rotor),
+                    *chain_elements(self.base, [hinge], rotor, np.eye(4), self._taken),
+                ]
+                self.root.extend(elements)
+                self._add_to_tree(elements)
+                gear = transmission.reductions.get(motor, 1.0)
+                # gear ratios have no sign, so that the rotor has it
+                terms = {name: -np.sign(gear), **dict(zip(transmission.joints, arms, strict=True))}
+                carried = self.joints[transmission.joints[-1]].child
+                self.equate(f"{transmission.name}_{motor}", terms, 0.0, (rotor, carried))
+                self.transmissions.append(Transmission(f"motor {name!r}", {name: 1.0}, abs(gear)))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
