@@ -118,11 +118,11 @@ The least turn from x has no axis there: 1 / 0.01 of an error of the beam turns 
 is asked for more often; at 0.001 five digits leave a section turned by 0.01 rad.
 """
 
-HELD_IDLE = 1e-4
-"""Torque that holds what turns and moves no centre of mass, over the largest of a motor, joint side.
+HELD_IDLE = 1e-2
+"""Torque that holds what turns and moves hardly a centre of mass, over the largest of a motor, joint side.
 
-Motor torques are off by that order. Files have 1e-8 to 1e-5 there; a pendulum or a wheel more than 1e-2. At
-1e-3 plans may be off by a thousandth; at 1e-5 sound robots are refused for their exporters' rounding.
+Motor torques are off by that order, and plans say by how much. Exported files have 1e-8 to 1e-5 there, bent
+rods up to 8e-3, a pendulum or a wheel more than 1e-2. At 1e-1 plans hold pendulums; at 1e-4 rods stop plans.
 """
 
 NEARLY_AT_REST = 0.01

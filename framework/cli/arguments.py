@@ -122,6 +122,9 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     locked = dict[str, float | None]()  # None: at the reference
     for word in values.get("lock") or []:
         locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
+    for key, option in (("closures", "close"), ("packages", "package")):  # of convert alone
+        if values.get(option):
+            fields[key] = values[option]
     return fields | {"locked": locked}
 
 

@@ -164,6 +164,16 @@ def add_convert_options(parser: OneLineParser) -> None:
     add_out(parser, "write NAME.yaml and NAME.urdf there", required=True)
     add_overwrite(parser)
     add_missing_fields(parser)
+    parser.add_argument(
+        "--close",
+        nargs="+",
+        action="append",
+        metavar="WORD",
+        help="close a loop: FRAME FRAME KIND, then the joint's axis x, y or z (default: z), or a length [m]",
+    )
+    parser.add_argument(
+        "--package", nargs="+", metavar="NAME=FOLDER", help="where meshes of package://NAME/ are"
+    )
 
 
 def run_convert(options: Namespace) -> Report:

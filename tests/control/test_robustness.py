@@ -459,4 +459,6 @@ def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     assert "100.0%" in lifted
     assert "exceeds" not in lifted
     _, bound, _ = crossing(*short, "--limit", "0.1")
-    assert "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
+    assert (
+        "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
+    )

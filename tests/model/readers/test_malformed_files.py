@@ -70,7 +70,11 @@ CHANGES = {
         ("<robot", "<robots", "not well-formed XML"),
         ('<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
         ('<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
-        ('name="tip_B_frame" type="fixed"', 'name="tip_B_frame" type="planar"', "unknown type 'planar'"),
+        (
+            'name="tip_B_frame" type="fixed"',
+            'name="tip_B_frame" type="planar"',
+            "planar joints are only read where they are held",
+        ),
         ('name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
         ('<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
         ('xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
