@@ -28,16 +28,23 @@ from framework.dynamics.elasticity import Pass, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
-from framework.errors import LoadedJoint, NotAssembled, NotConverged, round_up
+from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import tree_columns
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type2_matrix
+from framework.kinematics.inverse_kinematics import turn_motions
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    linearised_at,
+    linearised_at_reference,
+    type2_matrix,
+)
 from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, link_of
 from framework.laws.law import law_derivatives
 from framework.laws.path import PointPath, time_derivatives
+from framework.model.description import AXES, Closure
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid
 from framework.singularity.piecewise_measure import extremum_near
@@ -127,7 +134,7 @@ def check_idle_joints(branch: Branch, solution: Pass, result: InverseDynamics) -
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
 
-    joint = robot.coordinates.name_of(column)
+    joint = robot.coordinates.turn_name(column)
     raise LoadedJoint(
         f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
         f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
@@ -144,22 +151,19 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     The coordinate has the index `column` in the velocity vector. It is a joint, which can be locked, or a
     turn of a ball, which a closure between the bodies at both ends of the ball locks.
     """
-    model = robot.model
-    name = robot.coordinates.name_of(column)
-    joint = int(tree_columns(robot).owner[column])  # pinocchio's joint to which the coordinate belongs
-    if not is_ball(model.joints[joint]):
+    name = robot.coordinates.turn_name(column)
+    ball = int(tree_columns(robot).owner[column])  # pinocchio's joint to which the coordinate belongs
+    if not is_ball(robot.model.joints[ball]):
         return (
             f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
             f"it a motor, or leave out the inertia behind it"
         )
-    frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
-    # the body in front of the ball, and the body behind it
-    ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
+    closure = _closure_that_holds(robot, column, ball)
+    ends = ", ".join(closure.frames) if closure else ""
+    by_closure = f", or by a closure {{frames: [{ends}], axes: [{closure.axes[0]}]}}" if closure else ""
     return (
-        f"lock {name} (--lock of `crossing convert`), or that turn of the ball "
-        f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
-        f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
-        f"springs of the balls that it turns, and what is unlike about their axes"
+        f"lock {name} (--lock of `crossing convert`){by_closure}, or leave out its inertia about that line, "
+        f"and the springs of the balls that it turns, and what is unlike about their axes"
     )
 
 
@@ -167,6 +171,29 @@ def between_nodes(grid: TimeGrid) -> Array:
     """Return the instants (T,) [s] half-way between the nodes of each panel."""
     middles = 0.5 * (grid.times[1:] + grid.times[:-1])
     return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
+
+
+def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure | None:
+    """Return the closure that locks an idle turn of a ball, tried on the robot; None if none does.
+
+    It locks the axis of the body in front of the ball that is nearest to the line of the turn.
+    """
+    model, reference = robot.model, linearised_at_reference(robot)
+    columns = np.arange(3) + model.joints[ball].idx_v
+    turn = turn_motions(robot, reference)[0, columns, robot.structure.idle.tolist().index(column)]  # (3,)
+    line = turn @ reference.frames.screws[0, columns, 3:]  # on base axes
+    front = model.frames[model.getFrameId(model.names[ball], pin.FrameType.JOINT)].parentFrame
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, robot.reference.q)
+    axis = AXES[3 + int(np.abs(data.oMf[front].rotation.T @ line).argmax())]
+    frames = (str(model.frames[front].name), link_of(model, ball))
+    closure = Closure(f"hold_{model.names[ball]}", frames, (axis,))
+    description = replace(robot.description, closures=(*robot.description.closures, closure))
+    try:
+        trial = ParallelRobot.from_description(description, flexibility=robot.flexibility)
+    except FrameworkError:
+        return None
+    return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
 def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> tuple[Array, Array, Array]:

@@ -185,12 +185,12 @@ def _bracket_capacity(
         capacity: that of the multiple 0, with its plan.
     """
     multiple = 1.0
-    peaks = list[tuple[float, float]]()  # refused multiples, with the least peaks over the limits
+    peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
     while 1.0 / max_multiple <= multiple <= max_multiple:
         capacity = task.try_multiple(capacity, multiple)
-        peak = _least_peak(capacity.refusal)
-        if capacity.refused == multiple and peak is not None:
-            peaks.append((multiple, peak))
+        evidence = getattr(capacity.refusal, "evidence", None)
+        if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
+            peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if capacity.end == np.inf:  # all multiples so far have plans
             multiple = 2.0 * capacity.multiple
         elif capacity.multiple == 0.0:  # none has
@@ -202,12 +202,6 @@ def _bracket_capacity(
     return capacity
 
 
-def _least_peak(refusal: NoAnswer | None) -> float | None:
-    """Return the least peak of torque over its limit that a refused search found; None if unknown."""
-    evidence = getattr(refusal, "evidence", None)
-    return evidence.least.torque_peak if isinstance(evidence, SearchEvidence) else None
-
-
 def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
     """Choose a multiple between the largest with a plan and the least without.
 
@@ -215,17 +209,14 @@ def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) ->
     or above the capacity. A multiple just below that point is tried, and after it one just above.
     """
     middle = float(np.sqrt(capacity.multiple * capacity.end))
-    if len(peaks) < 2:
+    if len(peaks) < 2 or not 0.0 < peaks[-1][1] < peaks[-2][1]:
         return middle
-    (m_2, p_2), (m_1, p_1) = peaks[-2:]  # refused multiples fall, and with them their peaks
-    if p_2 <= p_1:
-        return middle
-    limit = m_1 - (p_1 - (1.0 - LIMIT_MARGIN)) * (m_2 - m_1) / (p_2 - p_1)
-    step = 0.9 * BRACKET_RATIO
-    if abs(limit / capacity.multiple - 1.0) < BRACKET_RATIO:
-        limit = capacity.multiple * (1.0 + 1.5 * step)
-    candidate = limit * (1.0 - 0.5 * step)
-    return candidate if capacity.multiple < candidate < capacity.end else middle
+    (m_2, p_2), (m_1, p_1) = peaks[-2:]
+    limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) * (m_2 - m_1) / (p_2 - p_1)
+    if abs(limit / capacity.multiple - 1.0) < BRACKET_RATIO:  # planned just below it
+        limit = capacity.multiple * (1.0 + 1.35 * BRACKET_RATIO)
+    below = limit * (1.0 - 0.45 * BRACKET_RATIO)
+    return below if capacity.multiple < below < capacity.end else middle
 
 
 def _bound_capacity(

@@ -513,6 +513,6 @@ def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[Negl
     idle = robot.structure.idle
     still_turns = np.setdiff1d(idle, driven_turns(robot))  # balls with damping or armature drive the others
     columns = still_turns if len(still_turns) else idle  # the coordinates to name
-    names = _list_names([robot.coordinates.name_of(column) for column in columns])
+    names = _list_names([robot.coordinates.turn_name(column) for column in columns])
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

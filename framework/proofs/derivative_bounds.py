@@ -191,12 +191,13 @@ class Derivatives(NamedTuple):
         H_sizes = np.abs(self.hessians)
         H_sizes += rounding  # |H|
         by_H, by_T = (np.matvec(matrices, radii[:, None]) for matrices in (H_sizes, thirds))  # (S, R, k)
+        slope_errors = by_H + 0.5 * by_T
         value_errors = np.matvec(0.5 * by_H + by_T / 6, radii)
         value_errors += rounding * (1 + radii.sum(axis=1, keepdims=True))  # of values + slopes d
         thirds += rounding
         return Remainders(
             values=ROUND_UP * value_errors,
-            slopes=ROUND_UP * (by_H + 0.5 * by_T) + rounding,
+            slopes=ROUND_UP * slope_errors + rounding,
             hessians=thirds,
         )
 

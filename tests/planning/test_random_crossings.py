@@ -11,7 +11,7 @@ from framework import NoAnswer, plan_crossing
 from tests.oracles.equations_of_motion import defects
 from tests.planning.random_lines import SCENES, random_crossings
 
-COUNT, SEED = 25, 54  # of each robot
+COUNT, SEED = 29, 54  # of each robot, 203 in all
 PLAIN = {"five_bar": 2, "delta": 1}  # a few of one planar and one spatial robot for every day
 BESIDE = [-1e-3, -1e-6, -1e-9, 0.0, 1e-9, 1e-6, 1e-3]  # [s]
 
@@ -41,6 +41,7 @@ def test_torques_beside_a_crossing_move_the_robot(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+# no polynomial crosses on the lines about the scene of par4
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "par4"])
 def test_torques_beside_many_crossings_move_the_robot(name):
     assert check_crossings(name, COUNT) >= 3

@@ -85,8 +85,8 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     loose = _choose_joints(undriven @ with_mass, excluded=idle)
     return Mobility(
         freedoms=motions.shape[1],
-        idle=tuple(map(robot.coordinates.name_of, idle)),
-        loose=tuple(map(robot.coordinates.name_of, loose)),
+        idle=tuple(map(robot.coordinates.turn_name, idle)),
+        loose=tuple(map(robot.coordinates.turn_name, loose)),
     )
 
 
