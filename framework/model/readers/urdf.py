@@ -37,8 +37,9 @@ Also read are
   has a second pair, `closing_NAME_1_z`);
 - loop_closures.yaml beside the URDF, with the hinges that sw2robot, a CAD exporter for ROS 2, has cut.
 
-Motors are the joints with a transmission or a command interface of ros2_control. Without these, joints marked
-`independent` are likely motors. The file says nothing about the platform.
+Motors are the joints with a transmission or a command interface of ros2_control, with the gear of the
+transmission. The two motors of a differential or a four-bar linkage become massless rotors that follow both
+joints. Without motors, joints marked `independent` are likely ones. The file says nothing about the platform.
 
 In the functions `where` names the element in messages.
 """
@@ -253,7 +254,9 @@ def read_urdf(
     _close_joints_of_other_programs(tree)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    if not (tree.closures or options.closures) and root.find("joint/mimic") is None:
+    tree.add_two_joint_transmissions()
+    is_closed = tree.closures or tree.couplings or options.closures
+    if not is_closed and root.find("joint/mimic") is None:
         # such as a linkage behind a transmission
         unread = "".join(f"{remark.partition(': motors')[0]}; " for remark in tree.remarks)
         raise RobotFileError(
