@@ -23,7 +23,7 @@ from framework.identification.combinations import (
     find_combinations,
     merge_rows,
 )
-from framework.identification.conversions import Conversions, check_columns, load_recording
+from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.geometry import (
     Geometry,
     Measurements,
@@ -160,7 +160,7 @@ def calibrate(
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    _check_columns(geometry, data, {**NOISE, **noise})
+    _refuse_mistaken_columns(geometry, data, {**NOISE, **noise})
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
     prior = np.where(geometry.turning, angle_error, length_error)  # (p,) standard deviations
 
@@ -219,7 +219,7 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     return stack.q
 
 
-def _check_columns(geometry: Geometry, data: Recording, noise: dict[str, float]) -> None:
+def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[str, float]) -> None:
     """Raise InvalidInput if one change of a column brings the poses near those of the file's geometry."""
 
     def misfit(recording: Recording) -> float:
@@ -233,7 +233,7 @@ def _check_columns(geometry: Geometry, data: Recording, noise: dict[str, float])
         ]
         return float(squares[0] / squares[1])
 
-    check_columns(data, ("motor_angle", "joint", "platform"), misfit)
+    refuse_mistaken_columns(data, ("motor_angle", "joint", "platform"), misfit)
 
 
 def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:

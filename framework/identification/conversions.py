@@ -111,7 +111,9 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
         yield from (Conversions(swaps={one: other}) for one, other in combinations(names, 2))
 
 
-def check_columns(data: Recording, kinds: Sequence[str], misfit: Callable[[Recording], float]) -> None:
+def refuse_mistaken_columns(
+    data: Recording, kinds: Sequence[str], misfit: Callable[[Recording], float]
+) -> None:
     """Raise InvalidInput if one change of a column reduces the squared misfit by FAULT_RATIO.
 
     Args:

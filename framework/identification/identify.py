@@ -29,7 +29,7 @@ from framework.identification.base_parameters import (
     collect_link_parameters,
     with_masses_and_motors,
 )
-from framework.identification.conversions import Conversions, check_columns, load_recording
+from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
@@ -48,7 +48,7 @@ GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
 
-class Quantity(NamedTuple):
+class IdentifiedQuantity(NamedTuple):
     """A mass, centre, inertia or motor parameter in SI units, that data determine or not."""
 
     name: str
@@ -91,7 +91,7 @@ class Identification(ReadOnlyArrays):
     parameters: Array
     links: LinkParameters
     link_values: Array
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[IdentifiedQuantity, ...]
     predictions: tuple[Prediction, ...]
     noise: Array
     steps: Array
@@ -259,7 +259,7 @@ def identify(
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
-    _check_columns(robot, base, data, poses)
+    _refuse_mistaken_columns(robot, base, data, poses)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     rows = torque_rows(robot, measured, base)
     if held_out is None:
@@ -465,7 +465,7 @@ BODY_QUANTITIES = {
 
 def _describe(
     robot: ParallelRobot, links: LinkParameters, possible: PossibleParameters, free: IntArray, prior: float
-) -> tuple[Quantity, ...]:
+) -> tuple[IdentifiedQuantity, ...]:
     """Return masses, centres, inertias about them, and motor parameters, with deviations.
 
     The covariance C of the parameters of a link gives that of its quantities, J C J', with J by differences.
@@ -486,7 +486,9 @@ def _describe(
     by_prior = np.linalg.norm(J * allowed, axis=1)
     in_file = _body_quantities(links, links.values)
     return tuple(
-        Quantity(*table[k], values[k], deviations[k], in_file[k], bool(deviations[k] < 0.5 * by_prior[k]))
+        IdentifiedQuantity(
+            *table[k], values[k], deviations[k], in_file[k], bool(deviations[k] < 0.5 * by_prior[k])
+        )
         for k in np.flatnonzero(by_prior)
     )
 
@@ -506,7 +508,7 @@ def _body_quantities(links: LinkParameters, parameters: Array) -> Array:
 # ------------------------------------------------------------------ mistaken columns
 
 
-def _check_columns(
+def _refuse_mistaken_columns(
     robot: ParallelRobot,
     base: BaseParameters,
     data: Recording,
@@ -544,4 +546,4 @@ def _check_columns(
         right = ((rows.torque - rows.constant) / sizes)[rows.valid]
         return float(2.0 * lsq_linear(matrix, right, bounds=(0.0, highest)).cost / (right @ right))
 
-    check_columns(data, ("time", "motor_angle", "torque"), misfit)
+    refuse_mistaken_columns(data, ("time", "motor_angle", "torque"), misfit)
