@@ -250,7 +250,9 @@ def read_urdf(
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
-    tree.likely_motors = [*independent, *beside_independent]
+    of_plugins = [element.text or "" for element in root.iter("joint_name")]  # of Gazebo's controllers
+    named_by_plugins = [name for name in dict.fromkeys(of_plugins) if name in tree.movable]
+    tree.likely_motors = [*independent, *beside_independent] or named_by_plugins
 
     dialect = ""
     for element in tree.extra:

@@ -6,6 +6,7 @@ both into records.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
@@ -305,6 +306,7 @@ class UrdfTree(Tree):
         if freedoms > MAX_FREEDOMS:
             raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
+        self.virtual: set[str] = set()  # joints of massless chains, which no motor drives
         self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
 
@@ -323,6 +325,11 @@ class UrdfTree(Tree):
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
         return list(dict.fromkeys([*super().frames, *self._added]))
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the joints with one degree of freedom that a motor can drive."""
+        return [name for name in super().movable if name not in self.virtual]
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
@@ -463,7 +470,7 @@ class UrdfTree(Tree):
                 self._add_to_tree(elements)
                 gear = transmission.reductions.get(motor, 1.0)
                 # gear ratios have no sign, so that the rotor has it
-                terms = {name: -np.sign(gear), **dict(zip(transmission.joints, arms, strict=True))}
+                terms = {name: math.copysign(1.0, -gear), **dict(zip(transmission.joints, arms, strict=True))}
                 carried = self.joints[transmission.joints[-1]].child
                 self.equate(f"{transmission.name}_{motor}", terms, 0.0, (rotor, carried))
                 self.transmissions.append(Transmission(f"motor {name!r}", {name: 1.0}, abs(gear)))
@@ -628,6 +635,7 @@ class UrdfTree(Tree):
         ]
         self.root.extend(elements)
         self._add_to_tree(elements)
+        self.virtual |= {motion.name for motion in motions}
         ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
         self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])
         self.remarks.append(f"{name}: {follower.name} follows {', '.join(ratios)} by a massless chain")

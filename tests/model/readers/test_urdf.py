@@ -13,6 +13,7 @@ from framework.kinematics.assembly import all_loops_matrix
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import locked_axes
 from framework.model.readers import parse_any, read_any
+from framework.model.robot_file_writer import write_robot_file
 from tests.model.readers.foreign_files import short_move
 from tests.model.readers.test_sdf import five_bar_urdf
 
@@ -349,7 +350,10 @@ def test_the_motors_of_two_joints_do_the_work_of_the_joints(tmp_path, kind, turn
         + joint("roll", "a", "b").replace("0 0 1", "1 0 0")
     )
     said = {"platform": "b", "platform_joints": ["pitch", "roll"], "motors": ["m1", "m2"]}
-    robot = ParallelRobot.from_description(read(tmp_path, f"{tree}{more}</robot>", **said).description)
+    description = read(tmp_path, f"{tree}{more}</robot>", **said).description
+    robot = ParallelRobot.from_file(write_robot_file(description, tmp_path / "out"))
+    proposed = read(tmp_path, f"{tree}{more}</robot>").description
+    assert (set(proposed.motor_joints), proposed.platform.joints) == ({"m1", "m2"}, ("pitch", "roll"))
     y, dy, ddy = np.array([0.3, -0.5]), np.array([0.7, 1.1]), np.array([-1.0, 2.0])
     pose = assemble(robot, y)
     np.testing.assert_allclose(robot.gear_ratio * pose.q[robot.actuated], np.array(turns) @ y, atol=1e-12)
@@ -577,3 +581,10 @@ def test_transmissions_with_other_parts_are_named_and_do_not_stop_the_file(tmp_p
     assert any("not read: transmission 't', DifferentialTransmission" in remark for remark in parsed.remarks)
     assert any("its offset is not read" in remark for remark in parsed.remarks)
     assert [motor.gear_ratio for motor in parsed.description.actuators] == [4.0]
+
+
+def test_joints_that_controllers_of_gazebo_name_are_likely_motors(tmp_path):
+    control = "<gazebo><plugin name='control'><joint_name>jb</joint_name></plugin></gazebo>"
+    text = ARMS.replace("</robot>", f"{control}</robot>")
+    description = read(tmp_path, text, closures=[["end", "tip", "revolute"]]).description
+    assert description.motor_joints == ("jb",)
