@@ -71,7 +71,14 @@ from framework.model.documents import (
 from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import close_joint
-from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE_TEXTS, WORLD, Scope, add_content
+from framework.model.readers.sdf_scope import (
+    BALL_CONSTRAINT,
+    TRUE_TEXTS,
+    WORLD,
+    Scope,
+    add_content,
+    drop_detached,
+)
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
@@ -299,10 +306,12 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     for link in tree.links:
         scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
-    model = Element("model")
+    model = Element("model", name=tree.root.get("name", ""))
     model.extend(tree.root.findall("gazebo/joint[child]"))
+    model.extend(tree.root.findall("gazebo/plugin[child_link]"))
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
+    drop_detached(scope)
     for name in scope.joints:
         close_joint(scope, tree, name)
 

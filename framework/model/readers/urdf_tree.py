@@ -154,6 +154,12 @@ def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]
                 yield part.get("name", ""), reduction
 
 
+def _parse_offset(offset: Element, where: str) -> float:
+    """Return the number [rad, m] in an `<offset>` of a transmission."""
+    (number,) = parse_numbers(f"{where}: <offset>", offset.text, 1)
+    return number
+
+
 def _select_tree(root: Element, base: str | None) -> None:
     """Remove the links and joints that no joint connects with the link `base`.
 
@@ -403,9 +409,13 @@ class UrdfTree(Tree):
         for part, reduction in _reductions(transmission, where):
             if not reduction:
                 raise RobotFileError(f"{where}: the reduction of {part} is zero")
-        if kind in _TURNS_OF_MOTORS:
-            motors = self._two_names(transmission, where, "actuator")
-            joints_by_role = self._two_names(transmission, where, "joint")
+        if any(_parse_offset(offset, where) for offset in transmission.iter("offset")):
+            self.remarks.append(
+                f"{where}: its offset is not read: motor angles are zero where the joints are"
+            )
+        if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(transmission.findall("actuator")):
+            motors = self._names_by_role(transmission, where, "actuator")
+            joints_by_role = self._names_by_role(transmission, where, "joint")
             reductions = dict(_reductions(transmission, where))
             self.two_joint_transmissions.append(
                 TwoJointTransmission(name, kind, joints_by_role, motors, reductions)
@@ -426,11 +436,9 @@ class UrdfTree(Tree):
             )
 
     @staticmethod
-    def _two_names(transmission: Element, where: str, tag: str) -> Names:
-        """Return the names of the two parts of a transmission with a tag, in the order of their roles."""
+    def _names_by_role(transmission: Element, where: str, tag: str) -> Names:
+        """Return the names of the parts of a transmission with a tag, in the order of their roles."""
         parts = sorted(transmission.findall(tag), key=lambda part: part.get("role", ""))
-        if len(parts) != 2:
-            raise RobotFileError(f"{where}: needs two <{tag}>, got {len(parts)}")
         return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
 
     def add_two_joint_transmissions(self) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from framework import Mechanism, MissingPackage, ParallelRobot, RobotFileError, assemble, dynamics_at
+from framework.files.mjcf import mjcf_text
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.readers import read_any
 
@@ -265,3 +266,30 @@ def test_a_joint_that_follows_two_others_is_driven_as_mujoco_drives_it(tmp_path)
     expected = np.linalg.solve(matrix[driven].T, matrix.T @ data.qfrc_inverse)
     instant = dynamics_at(robot, pose.q, dx=dy, ddx=ddy)
     np.testing.assert_allclose(np.ravel(instant.torque), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("hinges", [False, True])
+def test_a_rod_goes_to_mujoco_and_comes_back(tmp_path, hinges):
+    """MuJoCo holds the two sites at the length of the rod while one crank drives the other."""
+    mujoco = pytest.importorskip("mujoco")
+    said = {"platform": "two", "platform_joints": ["k"], "axes": None, "reference": {"j": 0.4, "k": 0.4}}
+    held = '<tendon tendon1="rod" polycoef="0.02 0 0 0 0"/>'
+    robot = ParallelRobot.from_description(
+        read(tmp_path, spatial("p", "q"), bodies=RODS, equality=held, **said)
+    )
+    text = mjcf_text(robot, hinges=hinges)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert data.ten_length[0] == pytest.approx(0.42, abs=1e-9)
+    assert np.abs(data.efc_pos).max() < 1e-9
+    data.qfrc_applied[0] = 0.05  # [N m] on one crank, which takes the other along
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert np.abs(data.qpos - model.key_qpos[0]).max() > 0.1
+    assert data.ten_length[0] == pytest.approx(0.42, abs=1e-3)
+    (tmp_path / "again.xml").write_text(text)
+    del said["reference"]
+    (closure,) = read_any(tmp_path / "again.xml", **(said | {"platform": "k_body", "motors": ["j"]})).closures
+    assert closure.length == pytest.approx(0.42, abs=1e-12)

@@ -553,3 +553,27 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
     assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
     with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
         read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])
+
+
+def test_gazebo_s_detachable_joint_closes_the_loop_of_a_urdf(tmp_path):
+    """Both links are welded as they stand in the file."""
+    plugin = (
+        '<gazebo><plugin filename="detach.so" name="gz::sim::systems::DetachableJoint">'
+        "<parent_link>tip</parent_link><child_model>arms</child_model><child_link>end</child_link></plugin></gazebo>"
+    )
+    description = read(tmp_path, ARMS.replace("</robot>", f"{plugin}</robot>"), motors=["ja"]).description
+    (closure,) = description.closures
+    assert (closure.frames[1], closure.axes) == ("end", locked_axes("fixed"))
+
+
+def test_transmissions_with_other_parts_are_named_and_do_not_stop_the_file(tmp_path):
+    """As older files write a differential; and an offset, which no plan needs."""
+    kind = "transmission_interface/DifferentialTransmission"
+    older = (
+        f'<transmission name="t" type="{kind}"><leftJoint name="ja"/><rightJoint name="jb"/></transmission>'
+    )
+    offset = part("joint", "ja", "<mechanical_reduction>4</mechanical_reduction><offset>0.5</offset>")
+    parsed = read(tmp_path, fingers(older + transmission(SIMPLE, offset)))
+    assert any("not read: transmission 't', DifferentialTransmission" in remark for remark in parsed.remarks)
+    assert any("its offset is not read" in remark for remark in parsed.remarks)
+    assert [motor.gear_ratio for motor in parsed.description.actuators] == [4.0]
