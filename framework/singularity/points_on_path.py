@@ -8,15 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotConverged, Type1Singularity
+from framework.errors import InvalidInput, Type1Singularity
 from framework.kinematics.assembly import MAX_ITERATIONS
-from framework.kinematics.closures import scaled_equations
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    moving_loops,
     passive_matrix,
     type1_matrix,
     type2_matrix,
@@ -263,30 +261,6 @@ def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Except
     return escape_error(branch.robot, s, branch.path(s), count, reason)
 
 
-def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if dropped loop equations are needed at s, where the loops are `linearised`.
-
-    Equations are dropped if they are redundant at the reference. They are needed where the independent ones
-    have a lower rank than all equations together. In an overconstrained robot the linear dependences among
-    the loop equations change as the robot moves. So equations that suffice at the reference need not suffice
-    everywhere.
-    """
-    robot = branch.robot
-    if not len(robot.structure.dropped) or robot.structure.varies:
-        return
-    all_loops = scaled_equations(robot, robot.rows, linearised.frames).jacobian[0]  # (rows, nv)
-    all_values = singular_values(all_loops[:, robot.moving])
-    values = singular_values(moving_loops(robot, linearised)[0])
-    if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
-        dropped = [robot.rows.names[k] for k in robot.structure.dropped]
-        raise NotConverged(
-            f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
-            f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
-            f"this place",
-            residual=float(values[-1]),
-        )
-
-
 def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
@@ -295,7 +269,6 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """
     branch = type1.branch
     linearised = branch.close(s).linearised
-    _check_dropped_rows(branch, s, linearised)
     type1_value = least_singular_values(type1.matrix(linearised)[0])
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
     # Type 1 if only its own matrix is singular. s is exact only to rounding, so its least value is not zero
@@ -311,7 +284,6 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     branch = passive.branch
     s = contact.s
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
-    _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     path_twist = branch.robot.platform.path_twist(branch.path, s)
     sign = sign_along(uncontrolled.twist, path_twist)  # turns the twist along the path

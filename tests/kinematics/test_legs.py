@@ -6,7 +6,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 import robots
-from framework import InvalidInput
 from framework.kinematics.modes import _match_rows, legs
 
 
@@ -43,5 +42,4 @@ def test_each_column_has_a_row_of_its_own():
 def test_a_pattern_of_singular_matrices_has_no_matching():
     pattern = np.ones((4, 4), dtype=bool)
     pattern[:2, 1:] = False  # two rows with one column
-    with pytest.raises(InvalidInput, match="does not determine"):
-        _match_rows(pattern)
+    assert _match_rows(pattern) is None

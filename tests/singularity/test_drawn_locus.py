@@ -121,7 +121,9 @@ def test_a_curve_is_cut_where_it_leaves_the_branch_and_where_an_angle_jumps(monk
     x = np.column_stack([turns, np.arange(13.0)])
     off = np.isin(np.arange(13), (5, 6, 7))
     monkeypatch.setattr(locus_on_map, "_compare_branches", lambda *given: (~off, off))
-    equations = SimpleNamespace(robot=SimpleNamespace(translations=np.array([False, True])))
-    poses, curve = SimpleNamespace(axes=(0, 1)), SimpleNamespace(x=x, q=x)
+    structure = SimpleNamespace(varies=False)
+    robot = SimpleNamespace(translations=np.array([False, True]), structure=structure)
+    equations = SimpleNamespace(robot=robot)
+    poses, curve = SimpleNamespace(axes=(0, 1)), SimpleNamespace(x=x, q=x, kind="type_2")
     parts = [part.x[:, 1].tolist() for part in locus_on_map._parts_on_branch(equations, poses, curve)]
     assert parts == [[0, 1, 2, 3, 4], [8, 9], [10, 11, 12]]
