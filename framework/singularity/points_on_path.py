@@ -65,8 +65,8 @@ class SingularPoint(ReadOnlyArrays):
     resolution: float | None = None
 
     def __post_init__(self) -> None:
-        """Make all arrays read-only, those of the pose included."""
-        ReadOnlyArrays.__post_init__(self)
+        """Make all arrays read-only, those of the pose too."""
+        super().__post_init__()
         freeze(self.pose)
 
     @property

@@ -84,6 +84,7 @@ class Branch(ReadOnlyArrays):
         """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
         freeze(tuple(panels))
         origin = (*panels, *steps)[0].q[0]
+        freeze(tuple(panels))
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
         for start, end in pairwise(steps):
             cubic = np.zeros((SHEET_NODES, robot.nv))
