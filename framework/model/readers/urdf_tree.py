@@ -449,7 +449,11 @@ class UrdfTree(Tree):
         return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
 
     def add_two_joint_transmissions(self) -> None:
-        """Add a massless rotor for each motor that moves two joints, and the equation of its turn."""
+        """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
+
+        Raises:
+            RobotFileError: a transmission names a joint that is not one of the movable ones.
+        """
         for transmission in self.two_joint_transmissions:
             where = f"transmission {transmission.name!r}: {transmission.kind}"
             for joint in transmission.joints:
