@@ -82,7 +82,6 @@ class Branch(ReadOnlyArrays):
         robot: ParallelRobot, path: Path, panels: Sequence[BranchPoses], steps: Sequence[BranchPoses]
     ) -> Branch:
         """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
-        freeze(tuple(panels))
         origin = (*panels, *steps)[0].q[0]
         freeze(tuple(panels))
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
