@@ -56,7 +56,9 @@ def _rows(smoothness: int, x: np.ndarray, size: int) -> tuple[np.ndarray, np.nda
         at = 0.5 * end * (nodes + 1.0)
         return 0.5 * end * (weights * weight(at)) @ values(at)
 
-    slopes = np.array([2.0 * legendre.legval(2.0 * x - 1.0, legendre.legder(unit)) for unit in np.eye(size)]).T
+    slopes = np.array(
+        [2.0 * legendre.legval(2.0 * x - 1.0, legendre.legder(unit)) for unit in np.eye(size)]
+    ).T
     rows = [integral(1.0), *map(integral, x)]
     for at, value, slope in zip(x, values(x), slopes, strict=True):
         change = smoothness * (1.0 - 2.0 * at) / (at * (1.0 - at))  # of the weight, over the weight
