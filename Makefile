@@ -8,6 +8,9 @@ PYTHON ?= python3
 VENV ?= .venv
 PYTEST_ARGS ?=
 CHART_ARGS ?=
+SEED ?= 1
+COUNT ?= 40
+PACKAGES ?=
 
 BIN := $(VENV)/bin
 # One process a core, each with a stretch of the tests, which share what is computed once; who is done takes from the
@@ -27,7 +30,7 @@ SOME_TESTS := $(filter-out $(PROCESSES), $(wildcard tests/numerics/test_*.py)) t
 # the API reference: the package and the modules that its docstring names
 API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 
-.PHONY: help demo test lowest pythons slow witness test-browser bench chart lint format docs notebooks clean
+.PHONY: help demo test lowest pythons slow mutants witness test-browser bench chart lint format docs notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -50,6 +53,9 @@ pythons:  ## run some tests on Python 3.12 and 3.13, where they are here and pin
 
 slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow $(ON_ALL_CORES) $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
+
+mutants: $(VENV)/.test  ## print random changes of the code that no test notices: SEED=7 COUNT=40 PACKAGES="laws proofs"
+	$(BIN)/python -m tests.mutants --seed $(SEED) --count $(COUNT) $(if $(PACKAGES),--packages $(PACKAGES))
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn, and maps through a dask cluster against this process
 	CROSSING_WITNESS=required $(BIN)/python -m pytest $(ON_ALL_CORES) -m 'not benchmark and not browser' tests/witness $(PYTEST_ARGS)

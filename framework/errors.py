@@ -123,7 +123,7 @@ def list_names(names: Sequence[str]) -> str:
 
 def check_choice(what: str, given: object, valid: Collection[str]) -> None:
     """Raise InvalidInput for a name that is not in a list, with the sentence of `choose_from`."""
-    if given not in valid:
+    if not isinstance(given, str) or given not in valid:
         raise InvalidInput(choose_from(what, given, valid))
 
 
@@ -135,7 +135,7 @@ def did_you_mean(given: object, valid: Iterable[str]) -> str:
 
 def check_name(where: str, what: str, given: object, valid: Collection[str]) -> None:
     """Raise RobotFileError unless a name is one of the valid; `where` starts the complaint."""
-    if given not in valid:
+    if not isinstance(given, str) or given not in valid:
         raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")
 
 
@@ -201,6 +201,16 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
     return int(given)  # type: ignore[call-overload]
 
 
+def real_numbers(what: str, given: ArrayLike) -> Array:
+    """Return real numbers, which may be infinite, as an array; raise InvalidInput for anything else."""
+    try:
+        if not np.iscomplexobj(given):  # whose imaginary parts numpy would drop
+            return np.asarray(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InvalidInput(f"{what}: needs real numbers, got {_CUT.repr(given)}")
+
+
 def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
     """Return numbers as an array (count,), or (T, count) where `stacks` are allowed.
 
@@ -208,8 +218,8 @@ def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = Fa
         InvalidInput: no numbers, numbers that are not finite, or another count.
     """
     try:
-        values = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
+        values = real_numbers(what, given)
+    except InvalidInput:
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
     finite = np.isfinite(values)

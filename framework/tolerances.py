@@ -46,6 +46,13 @@ Lengths are over the robot's, rates over the motion's. Seven digits leave 1e-7. 
 off by what a spring deflects; at 1e-7 files with six digits are refused, or their axes told apart.
 """
 
+LOOP_RATE = 1e-5
+"""The rate at which loops may open [1/s], over the largest speed of a joint or 1/s if this is more.
+
+Simulated rates leave 1e-7, with method `fast` 2e-6, and of a robot at rest there is no speed to compare with.
+At 1e-6 simulated rows are refused; at 1e-4 rates pass that were typed with four digits.
+"""
+
 EXPORT_ROUNDING = 1e-4
 """The same of exported drawings: loops that stay open [robot lengths].
 
@@ -111,11 +118,11 @@ The least turn from x has no axis there: 1 / 0.01 of an error of the beam turns 
 is asked for more often; at 0.001 five digits leave a section turned by 0.01 rad.
 """
 
-HELD_IDLE = 1e-4
-"""Torque that holds what turns and moves no centre of mass, over the largest of a motor, joint side.
+HELD_IDLE = 1e-2
+"""Torque that holds what turns and moves hardly a centre of mass, over the largest of a motor, joint side.
 
-Motor torques are off by that order. Files have 1e-8 to 1e-5 there; a pendulum or a wheel more than 1e-2. At
-1e-3 plans may be off by a thousandth; at 1e-5 sound robots are refused for their exporters' rounding.
+Motor torques are off by that order, and plans say by how much. Exported files have 1e-8 to 1e-5 there, bent
+rods up to 8e-3, a pendulum or a wheel more than 1e-2. At 1e-1 plans hold pendulums; at 1e-4 rods stop plans.
 """
 
 NEARLY_AT_REST = 0.01
@@ -204,6 +211,13 @@ CONTINUATION_ERROR = 1e-11
 
 A smooth branch falls to rounding, a kink with a power of the degree. At 1e-10 torques on it have a digit
 less; at 1e-12 some smooth branches are refused.
+"""
+
+SHEET_TAIL = 1e-10
+"""Truncation error [rad, robot lengths] of the offsets on a panel of a path, below which it is resolved.
+
+From its series one Newton step closes a pose to rounding (1e-20 is left). At 1e-9 a torque needs a second
+stack of poses; at 1e-11 panels are halved near Type 1, where poses themselves are known to 1e-12.
 """
 
 CONTINUATION_STEP = 0.3

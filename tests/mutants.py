@@ -23,7 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).parent.parent
+SOURCES = ("framework", "robots", "urdf", "tests", "notebooks")  # folders that are copied
 SWAPPED: dict[type, type] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -44,7 +44,7 @@ NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "max
 class Mutant(NamedTuple):
     """A module with one change."""
 
-    path: Path  # relative to ROOT
+    path: Path  # relative to the checkout
     function: str
     text: str  # of the mutated module
 
@@ -73,9 +73,9 @@ def mutations(node: ast.AST) -> Iterator[ast.AST]:
         yield ast.Pass()
 
 
-def mutants_of(path: Path) -> list[Mutant]:
+def mutants_of(checkout: Path, path: Path) -> list[Mutant]:
     """Return all mutants of the functions of a module; messages, annotations and defaults stay."""
-    text = (ROOT / path).read_text()
+    text = (checkout / path).read_text()
     starts = [0]  # in bytes, of the lines
     for line in text.encode().splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -122,26 +122,26 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def tests_of(path: Path) -> list[list[str]]:
+def tests_of(checkout: Path, path: Path) -> list[list[str]]:
     """Return the test files that touch a module: its package's and those that import it; then one step on."""
     module = ".".join(path.with_suffix("").parts)
     users = {
-        ".".join(file.relative_to(ROOT).with_suffix("").parts)
-        for file in (ROOT / "framework").rglob("*.py")
+        ".".join(file.relative_to(checkout).with_suffix("").parts)
+        for file in (checkout / "framework").rglob("*.py")
         if module in imported(file)
     } - {"framework"}
     near, far = list[str](), list[str]()
-    for file in sorted((ROOT / "tests").rglob("test_*.py")):
+    for file in sorted((checkout / "tests").rglob("test_*.py")):
         if {"witness", "browser", "benchmarks", "fuzz"} & set(file.parts):
             continue
         names = imported(file)
-        in_package = file.is_relative_to(ROOT / "tests" / path.parts[1])
+        in_package = file.is_relative_to(checkout / "tests" / path.parts[1])
         if module in names or in_package:
-            near.append(str(file.relative_to(ROOT)))
+            near.append(str(file.relative_to(checkout)))
         elif users & names:
-            far.append(str(file.relative_to(ROOT)))
+            far.append(str(file.relative_to(checkout)))
     # those that import the module themselves first
-    near.sort(key=lambda name: module not in imported(ROOT / name))
+    near.sort(key=lambda name: module not in imported(checkout / name))
     return [stage for stage in (near, far) if stage]
 
 
@@ -151,11 +151,13 @@ def judge(mutant: Mutant, checkout: Path, seconds: float) -> str:
     The mutant hangs if the first stage of tests takes longer than `seconds`; the second one is then cut off.
     """
     target = checkout / mutant.path
+    original = target.read_text()
+    stages = tests_of(checkout, mutant.path)
     target.write_text(mutant.text)
     environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-k", "not idle"]
     try:
-        for number, stage in enumerate(tests_of(mutant.path)):
+        for number, stage in enumerate(stages):
             try:
                 done = subprocess.run(
                     [*command, *stage],
@@ -167,17 +169,19 @@ def judge(mutant: Mutant, checkout: Path, seconds: float) -> str:
                 )
             except subprocess.TimeoutExpired:
                 return "hangs" if number == 0 else "SURVIVES what time allowed"
+            if done.returncode == 4:  # a mistake of this program, not of the mutant
+                raise RuntimeError(done.stderr.decode())
             if done.returncode not in (0, 5):  # 5: no tests
                 return "dies"
         return "SURVIVES"
     finally:
-        shutil.copy(ROOT / mutant.path, target)
+        target.write_text(original)
 
 
-def show(mutant: Mutant) -> str:
+def show(checkout: Path, mutant: Mutant) -> str:
     """Return the changed lines of a mutant."""
     lines = difflib.unified_diff(
-        (ROOT / mutant.path).read_text().splitlines(), mutant.text.splitlines(), n=0, lineterm=""
+        (checkout / mutant.path).read_text().splitlines(), mutant.text.splitlines(), n=0, lineterm=""
     )
     changed = "\n".join(f"    {line}" for line in list(lines)[3:])
     return f"{mutant.path} {mutant.function}\n{changed}"
@@ -195,26 +199,27 @@ def main() -> None:
     options = parser.parse_args()
 
     rng = random.Random(options.seed)
+    root = Path(__file__).parent.parent
     packages = options.packages or sorted(
-        {path.parent.name for path in (ROOT / "framework").glob("*/__init__.py")} - {"cli", "show"}
+        {path.parent.name for path in (root / "framework").glob("*/__init__.py")} - {"cli", "show"}
     )
     survivors = 0
     with tempfile.TemporaryDirectory() as folder:
         checkout = Path(folder)
-        for name in ("framework", "robots", "urdf", "tests", "notebooks"):
-            shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
-        for file in (path for path in ROOT.iterdir() if path.is_file()):
+        for name in SOURCES:
+            shutil.copytree(root / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
+        for file in (path for path in root.iterdir() if path.is_file()):
             shutil.copy(file, checkout)
         for number in range(options.count):
             package = rng.choice(packages)
             by_function: dict[tuple[Path, str], list[Mutant]] = {}
-            for path in sorted((ROOT / "framework" / package).rglob("*.py")):
-                for mutant in mutants_of(path.relative_to(ROOT)):
+            for path in sorted((checkout / "framework" / package).rglob("*.py")):
+                for mutant in mutants_of(checkout, path.relative_to(checkout)):
                     by_function.setdefault((mutant.path, mutant.function), []).append(mutant)
             mutant = rng.choice(by_function[rng.choice(sorted(by_function))])
             verdict = judge(mutant, checkout, options.seconds)
             survivors += verdict.startswith("SURVIVES")
-            print(f"{number + 1}: {verdict}  {show(mutant)}", flush=True)
+            print(f"{number + 1}: {verdict}  {show(checkout, mutant)}", flush=True)
     print(f"{survivors} of {options.count} survive")
 
 

@@ -19,4 +19,6 @@ def mutated_code(function: FunctionType, old: str, new: str) -> CodeType:
     namespace: dict[str, object] = {}
     exec(compiled, dict(function.__globals__), namespace)
     changed = namespace[function.__name__]
-    return inspect.unwrap(getattr(changed, "__func__", changed)).__code__
+    for inner in ("__func__", "fget"):  # of a static method, of a property
+        changed = getattr(changed, inner, changed)
+    return inspect.unwrap(changed).__code__

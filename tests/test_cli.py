@@ -552,6 +552,20 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
         assert running.stderr.read() == ""
 
 
+@pytest.mark.parametrize(("scene", "reason"), [("C", "Broken pipe"), ("none", "unknown scene")])
+def test_json_that_its_reader_has_left_is_no_answer(scene, reason):
+    with subprocess.Popen(
+        [sys.executable, "-m", "framework", *PLAN, "--scene", scene, "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        running.stdout.close()
+        (line,) = running.stderr.read().splitlines()
+    assert reason in line
+    assert running.returncode == 2
+
+
 # ------------------------------------------------------------------ springs that there are, or not
 
 

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from framework.numerics.input import read_text
-
 DATA = Path(__file__).parent / "data" / "dialects"
 PLUS = str(DATA / "five_bar_plus.urdf")
 SAID = ["--platform", "tip_predecessor", "--axes", "x", "y", "--motors", "left_motor", "right_motor"]
@@ -53,19 +51,6 @@ def test_a_foreign_file_is_checked_converted_and_located(crossing, file, options
 )
 def test_misuse_is_one_line_and_code_2(refusal, arguments, message):
     assert message in refusal(2, *arguments)
-
-
-@pytest.mark.parametrize(("file", "options"), CASES)
-def test_convert_reads_its_file_once(crossing, file, options, tmp_path, monkeypatch):
-    read = []
-
-    def counted(file, *arguments, **keywords):
-        read.append(Path(file))
-        return read_text(file, *arguments, **keywords)
-
-    monkeypatch.setattr("framework.model.readers.recognise.read_text", counted)
-    assert crossing("convert", str(DATA / file), *options, "--out", str(tmp_path))[0] == 0
-    assert len(read) == len(set(read)) >= 1
 
 
 def test_convert_says_the_size_of_dry_friction_with_its_unit(crossing, tmp_path):

@@ -250,3 +250,42 @@ def test_readers_of_files_say_when_they_refuse_one() -> None:
             if re.search(r"\braise\b|\bcheck_\w+\(", body) and "Raises:" not in str(ast.get_docstring(node)):
                 silent.append(f"{file.name}: {node.name}")
     assert not silent
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"breaks": False},
+        {"breaks": "soon"},
+        {"breaks": [1j]},
+        {"breaks": [10**400]},
+        {"events": -1},
+        {"events": [3]},
+        {"method": [1.0]},
+        {"start": 10**400},
+        {"start_velocity": np.zeros(4, complex)},
+        {"tolerance": 10**400},
+        {"damping": np.zeros(4, complex)},
+    ],
+    ids=str,
+)
+def test_what_is_no_option_of_a_simulation_is_refused_by_its_name(option: dict[str, Any]) -> None:
+    motion = inverse_dynamics(ROBOT, PATH, Law([0.5, 0.5], 1.0))
+    with pytest.raises(InvalidInput, match=next(iter(option))):
+        simulate(ROBOT, motion, **option)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: dynamics_at(ROBOT, ROBOT.reference.q + 0j),
+        lambda: dynamics_at(ROBOT, [10**400] * 4),
+        lambda: Line([10**400, 0.0], [0.0, 1.0]),
+        lambda: PATH(0.5j),
+        lambda: Law([0.5, 0.5], 1.0)(10**400),
+        lambda: plan_crossing(ROBOT, PATH, duration=1.5, torque_limit=10**400),
+    ],
+)
+def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], Any]) -> None:
+    with pytest.raises(InvalidInput, match="number"):
+        call()

@@ -7,9 +7,7 @@ a table. Designs are computed in chunks of `DESIGNS_PER_TASK`, in this process o
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -37,7 +35,7 @@ from framework.errors import FrameworkError, InvalidInput, choose_from, finite_n
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.numerics.input import read_text
+from framework.numerics.input import csv_rows, read_text
 from framework.numerics.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
 from framework.numerics.output import package_versions
 
@@ -255,7 +253,7 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
             numbers.
     """
     text = read_text(table, f"{table}: cannot read the table")
-    rows = [row for row in csv.reader(io.StringIO(text)) if row]
+    rows = [cells for _, cells in csv_rows(f"{table}", text)]
     if len(rows) < 2:
         raise InvalidInput(f"{table}: needs a line of parameters and a line of values for each design")
     names = tuple(name.strip() for name in rows[0])

@@ -75,9 +75,10 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
         document["load"] = workspace.load_counts
     # a change of sign between neighbours that no traced curve explains may be a missing part of the locus
     document["locus"] = {
-        "status": workspace.locus.sentence,
+        "status": workspace.locus_sentence,
         "traced": not workspace.locus.why_not,
         "curves": len(workspace.locus.curves),
+        "kinds": [curve.kind for curve in workspace.locus.curves],
         "sign_changes_of_g": workspace.locus.sign_changes,
         "unexplained_sign_changes": workspace.locus.unexplained.tolist(),
     }

@@ -94,14 +94,15 @@ def survey_window(
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
     keep_limits: bool = False,
-    survey_edge_poses: int = 33,  # poses along an edge of a survey
-    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of the first survey
-    surveys: int = 3,  # each of the window that the previous one has found
+    survey_edge_poses: int = 33,  # poses along an edge of the first survey
+    max_survey_edge_poses: int = 257,
+    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of a survey
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
-    The first of `surveys` surveys covers `survey_reach` about the point `at` with coarse poses. Each further
-    one covers the window that the previous one has found.
+    Surveys cover `survey_reach` about the point `at`, each with half the cells of the one before, until one
+    finds no pose beyond the window about those found before: steps of long cells may all miss the poses
+    beside a reference near Type 1. The last survey covers the window found, for a narrower margin.
 
     Args:
         axes: names of two platform coordinates; by default the first two, translations first.
@@ -124,9 +125,16 @@ def survey_window(
         shape=(survey_edge_poses, survey_edge_poses),
         constants=point,
     )
-    window = outermost  # of the first survey; no other window reaches beyond it
-    for _ in range(surveys):
-        window = _reached_window(robot, window, outermost, keep_limits)
+    survey, window = outermost, _reached_window(robot, outermost, outermost, keep_limits)
+    is_larger = True
+    while is_larger and survey.shape[0] < max_survey_edge_poses:
+        known = window
+        survey = replace(survey, shape=(2 * survey.shape[0] - 1,) * 2)
+        window = _reached_window(robot, survey, outermost, keep_limits)
+        is_larger = bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
+    # no longer cells than those that reached the poses
+    edge_poses = max(int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1, survey_edge_poses)
+    window = _reached_window(robot, replace(window, shape=(edge_poses,) * 2), outermost, keep_limits)
     return replace(window, shape=(size, size))
 
 
@@ -199,28 +207,40 @@ def seed_poses(
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest = np.argsort(distance, axis=None, kind="stable")[:first_pose_tries]  # flat indices
     candidates = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
-    i, j, first_q = _assemble_first(robot, x, candidates)
-    q[i, j] = first_q
-    reason[i, j] = PoseReason.REACHED
+    _assemble_seeds(robot, x, q, reason, candidates, enough=1)
     fill_grid(robot, x, q, reason, [stride])
+    # beside Type 1 no neighbour may be within a step, but another candidate within reach of the reference
+    if _assemble_seeds(robot, x, q, reason, candidates, enough=first_pose_tries):
+        reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR
+        fill_grid(robot, x, q, reason, [stride])
     window_poses = np.s_[::subdivisions, ::subdivisions]  # without the poses between them
     return q[window_poses].copy(), reason[window_poses].copy()
 
 
-def _assemble_first(robot: ParallelRobot, x: Array, candidates: IntArray) -> tuple[int, int, Array]:
-    """Assemble one of the poses x (I, J, n); return its indices i, j and its configuration (nq,).
+def _assemble_seeds(
+    robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, candidates: IntArray, *, enough: int
+) -> int:
+    """Assemble poses x (I, J, n) of a grid from the reference, in place; return their number.
 
-    The candidates (c, 2), rows and columns of poses, are tried in turn.
+    Of the candidates (c, 2), rows and columns, those that are not reached yet are tried in turn, until
+    `enough` of them are.
 
     Raises:
-        OutOfReach: none of them is reached; gives the reason of the first.
+        OutOfReach: no candidate is reached; gives the reason of the first.
     """
     refusals = list[NoAnswer]()  # of the candidates
+    count = 0
     for i, j in candidates:
-        try:
-            return i, j, assemble(robot, x[i, j]).q
-        except NoAnswer as error:
-            refusals.append(error)
+        if count < enough and reason[i, j] != PoseReason.REACHED:
+            try:
+                q[i, j] = assemble(robot, x[i, j]).q
+            except NoAnswer as error:
+                refusals.append(error)
+            else:
+                reason[i, j] = PoseReason.REACHED
+                count += 1
+    if len(refusals) < len(candidates):
+        return count
     raise OutOfReach(
         f"{robot.name}: no pose of the map near the reference is reached from there: {refusals[0]}",
         q=robot.reference.q,

@@ -96,6 +96,11 @@ class WorkspaceMap(ReadOnlyArrays):
         )
         return locus_on_map(self.robot, poses)
 
+    @property
+    def locus_sentence(self) -> str:
+        """The locus in words; of a window that cuts off what is reached they say so."""
+        return self.locus.sentence + ("; more may lie beyond the edges" if self.open_edges else "")
+
     def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
         """Continue q (T, nq) from `start` to `end` (T, n); return q, mask (T,) of accepted steps."""
         ends = step_poses(self.robot, q, start, end)

@@ -122,6 +122,9 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     locked = dict[str, float | None]()  # None: at the reference
     for word in values.get("lock") or []:
         locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
+    for key, option in (("closures", "close"), ("packages", "package")):  # of convert alone
+        if values.get(option):
+            fields[key] = values[option]
     return fields | {"locked": locked}
 
 
@@ -312,9 +315,9 @@ _OF_A_PLAN = (
 # ------------------------------------------------------------------ files of --out
 
 
-def write_page(file: FilePath, page: str | bytes) -> Report:
+def write_page(file: FilePath, page: str | bytes, options: Namespace) -> Report:
     """Write one file and return the report on its name and size."""
-    write_file(file, page)
+    write_file(file, page, overwrite=options.overwrite)
     size = file.stat().st_size
     return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
 

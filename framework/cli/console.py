@@ -85,14 +85,15 @@ def printable(text: str, allowed: str = "\n") -> str:
 
 
 def report(text: str) -> None:
-    """Print a report on stdout, laid out for the terminal.
+    """Print a report on stdout, laid out for the terminal; its reader may go before the end, as `head` does.
 
     Raises:
         As `tell`.
     """
     if sys.stdout is not None:
         visible = printable(text, "\n\t")
-        _print_answer(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+        laid_out = lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout))
+        _print_answer(laid_out, sys.stdout, may_be_cut=True)
 
 
 def tell(text: str, *, aside: bool = False) -> None:
@@ -104,16 +105,16 @@ def tell(text: str, *, aside: bool = False) -> None:
     _print_answer(printable(text), sys.stderr if aside else sys.stdout)
 
 
-def _print_answer(text: str, stream: TextIO | None) -> None:
-    """Print a text; close the stream if its reader has gone."""
+def _print_answer(text: str, stream: TextIO | None, *, may_be_cut: bool = False) -> None:
+    """Print a text; close the stream if its reader has gone, silently if the text may be cut."""
     if stream is None:  # closed by the process that started the program
         return
     try:
         _print_text(text, stream)
-    except BrokenPipeError:  # the reader has seen enough, as `head` does
-        _close_stream(stream)
     except OSError as error:
         _close_stream(stream)
+        if may_be_cut and isinstance(error, BrokenPipeError):
+            return
         raise OutputError(f"cannot write the answer: {error.strerror or error}") from None
 
 
@@ -393,7 +394,8 @@ def report_refusal(error: BaseException, message: str, code: int, arguments: Seq
     line, entry = describe_error(error, message, arguments)
     complain(line)
     if "--json" in arguments:
-        tell(json.dumps({"error": entry}, allow_nan=False))
+        with suppress(OutputError):  # the line on stderr and the code say it
+            tell(json.dumps({"error": entry}, allow_nan=False))
     return code
 
 

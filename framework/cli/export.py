@@ -15,6 +15,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_overwrite,
     add_robot_or_plan,
     add_rows,
     integer_between,
@@ -29,7 +30,7 @@ from framework.files.trajectory_file import (
     joint_trajectory,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import write_file
+from framework.numerics.output import PROGRAM, write_file
 from framework.planning.motion_table import DEFAULT_ROWS
 from framework.planning.options import MOTION
 from framework.planning.result import CrossingPlan
@@ -73,6 +74,7 @@ def add_export_options(parser: OneLineParser) -> None:
         required=True,
         help="NAME.xml, for ros2_control NAME.yaml or NAME.json, NAME.csv, for a lesson NAME.html",
     )
+    add_overwrite(parser)
     parser.add_argument(
         "--samples",
         type=integer_between(*SAMPLE_RANGE),
@@ -100,7 +102,7 @@ def run_export(options: Namespace) -> Report:
     file = FilePath(options.out)
     _check_options(options, file)
     robot, text, lines = WRITERS[options.program](options, file)
-    write_file(file, text, option="--out")
+    write_file(file, text, option="--out", overwrite=options.overwrite)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -150,7 +152,7 @@ def _table_file(options: Namespace, file: FilePath) -> Export:
     plan = _plan_of(options)
     motion = arguments.motion_rows(options, plan)
     metadata = file.with_name(f"{file.name}-metadata.json")
-    write_file(metadata, motion.metadata(file.name), option="--out")
+    write_file(metadata, motion.metadata(file.name), option="--out", overwrite=options.overwrite)
     size = f"{len(motion.rows)} rows of {len(motion.names)} columns"
     return plan.robot, motion.as_csv(), [f"{size} over {plan.duration:g} s"]
 
@@ -164,7 +166,7 @@ def _trajectory_file(options: Namespace, file: FilePath) -> Export:
     if file.suffix == ".json":
         text = json.dumps(message, indent=2) + "\n"
     else:
-        text = f"# {sentence}\n" + yaml.safe_dump(message, sort_keys=False)
+        text = f"# {sentence}; by {PROGRAM}\n" + yaml.safe_dump(message, sort_keys=False)
     size = f"a joint trajectory of {len(message['points'])} points"
     return plan.robot, text, [f"{size} over {plan.duration:g} s", sentence]
 

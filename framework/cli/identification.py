@@ -8,7 +8,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_robot
+from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.identify import Identification, identify
 from framework.tolerances import MIN_RANK_GAP
@@ -45,6 +45,7 @@ def add_calibrate_options(parser: OneLineParser) -> None:
         text = f"standard deviation of the file's own [{unit}] (default: {default:.3g})"
         add_number(group, flag, "E", text, default=default)
     add_out(parser, "write the robot file and its URDF there")
+    add_overwrite(parser)
 
 
 def run_calibrate(options: Namespace) -> Report:
@@ -61,7 +62,9 @@ def run_calibrate(options: Namespace) -> Report:
     )
     document = calibration.to_dict()
     if options.out is not None:
-        options.written = document["robot_file"] = str(calibration.write(options.out))
+        options.written = document["robot_file"] = str(
+            calibration.write(options.out, overwrite=options.overwrite)
+        )
     return document, calibration_lines(calibration)
 
 
@@ -139,6 +142,7 @@ def add_identify_options(parser: OneLineParser) -> None:
         "--massless", action="store_true", help="identify bodies without mass in the file as well"
     )
     add_out(parser, "write the robot file and its URDF there")
+    add_overwrite(parser)
 
 
 def run_identify(options: Namespace) -> Report:
@@ -160,7 +164,9 @@ def run_identify(options: Namespace) -> Report:
             f"values is {identification.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
     if options.out is not None:
-        options.written = document["robot_file"] = str(identification.write(options.out))
+        options.written = document["robot_file"] = str(
+            identification.write(options.out, overwrite=options.overwrite)
+        )
     return document, identification_lines(identification)
 
 

@@ -61,6 +61,13 @@ def add_out(parser: OneLineParser, text: str, *, required: bool = False) -> None
     parser.add_argument("--out", type=not_empty, metavar="DIR", required=required, help=text)
 
 
+def add_overwrite(parser: OneLineParser) -> None:
+    """Add --overwrite."""
+    parser.add_argument(
+        "--overwrite", action="store_true", help="also files that are edited, or not of this program"
+    )
+
+
 def add_missing_fields(parser: OneLineParser) -> None:
     """Add options for fields that a file of a foreign dialect may lack."""
     group = parser.topic("what the file does not say, or says otherwise")

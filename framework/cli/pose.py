@@ -256,6 +256,7 @@ def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
         pose = describe_pose(robot, mode.q)
         kind = classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
+        lines.append(_reference_to_paste(robot, mode.q))
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
     about = select_fields(assembly, "complete", "status", "bound", "method")
     paths = assembly.count and asdict(assembly.count)
@@ -277,10 +278,17 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{beyond}")
+        lines.append(_reference_to_paste(robot, mode.q))
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = select_fields(working, "status", "solutions", "legs", "proved_legs")
     about |= {"complete": working.status == "proved", "modes": modes}
     return _report_modes(robot, {"working_modes": about}, lines)
+
+
+def _reference_to_paste(robot: ParallelRobot, q: Array) -> str:
+    """Return the line of a robot file that selects the modes of q (nq,)."""
+    values = ", ".join(f"{name}: {value + 0.0:.9g}" for name, value in robot.reference_values(q).items())
+    return f"  reference         {{{values}}}"
 
 
 def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:

@@ -17,6 +17,7 @@ from framework.cli.parser import (
     add_flexibility,
     add_missing_fields,
     add_out,
+    add_overwrite,
     add_robot,
     not_empty,
 )
@@ -37,6 +38,7 @@ def add_robots_options(parser: OneLineParser) -> None:
     parser.add_argument(
         "--picture", type=not_empty, metavar="FILE", help="draw them all into one picture (.png, .svg, .pdf)"
     )
+    add_overwrite(parser)
 
 
 def run_robots(options: Namespace) -> Report:
@@ -67,7 +69,7 @@ def run_robots(options: Namespace) -> Report:
 
         options.progress.start("drawing the picture")
         picture = gallery_picture(robots, FilePath(options.picture).suffix[1:])
-        write_file(FilePath(options.picture), picture, option="--picture")
+        write_file(FilePath(options.picture), picture, option="--picture", overwrite=options.overwrite)
         lines.append(f"drawn into {options.picture}")
     return {"robots": rows}, lines
 
@@ -160,7 +162,18 @@ def add_convert_options(parser: OneLineParser) -> None:
     """Add the arguments of `crossing convert`."""
     add_robot(parser, "path of a file of a foreign dialect, or catalogue name")
     add_out(parser, "write NAME.yaml and NAME.urdf there", required=True)
+    add_overwrite(parser)
     add_missing_fields(parser)
+    parser.add_argument(
+        "--close",
+        nargs="+",
+        action="append",
+        metavar="WORD",
+        help="close a loop: FRAME FRAME KIND, then the joint's axis x, y or z (default: z), or a length [m]",
+    )
+    parser.add_argument(
+        "--package", nargs="+", metavar="NAME=FOLDER", help="where meshes of package://NAME/ are"
+    )
 
 
 def run_convert(options: Namespace) -> Report:
@@ -171,7 +184,7 @@ def run_convert(options: Namespace) -> Report:
     friction = _dry_friction(parsed)
     if friction:
         remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
-    written = write_robot_file(description, options.out, comments=remarks)
+    written = write_robot_file(description, options.out, comments=remarks, overwrite=options.overwrite)
     if description.left_out:
         remarks.append(f"left out: {'; '.join(description.left_out)}")
     document = {

@@ -61,6 +61,7 @@ DIFFERENCES = (  # of the robots from their model: option, default value, meanin
 )
 FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
+STORED_RUNS = 25  # in a stored chunk, at most
 MAX_RUNS = 1_000_000
 
 
@@ -117,7 +118,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
         loop,
         "--limit",
         "TAU",
-        "largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
+        "largest motor torques [N m] (default: those of the plan, or ten times its peaks)",
         nargs="+",
     )
     loop.add_argument(
@@ -181,8 +182,12 @@ def _controller_names(options: Namespace) -> list[str]:
 def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None) -> Document:
     """Return all studies as a document."""
     robot = setup.plan.robot
+    peaks = setup.plan.peak_torque
+    limits = dict(zip(peaks, setup.loop.limit or (), strict=True))  # of a setup they are numbers
+    exceeded = {joint: (peaks[joint], limit) for joint, limit in limits.items() if peaks[joint] > limit}
     return {
         "robot": robot.name,
+        "exceeded": exceeded,
         "length": robot.length,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
@@ -195,6 +200,8 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)  # runs per process, rounded up
+    if stores:  # what is finished when the study is stopped is stored
+        chunk = min(chunk or STORED_RUNS, STORED_RUNS)
     report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
@@ -234,7 +241,7 @@ def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
 
 HEAD = """\
 {robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
-{tolerance:.4g} of them passes; torques in N m
+{tolerance:.4g} of them passes; torques in N m{binding}
   controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
@@ -245,7 +252,9 @@ ROW = (
 
 def _format_studies(document: Document) -> list[str]:
     """Return the table of studies in text, with the first failures of each."""
-    lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
+    exceeded = [f"{joint} {peak:.4g} of {limit:.4g}" for joint, (peak, limit) in document["exceeded"].items()]
+    binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
+    lines = [HEAD.format_map(document | {"binding": binding}), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]

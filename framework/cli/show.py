@@ -14,6 +14,7 @@ from framework.cli.console import tell
 from framework.cli.parser import (
     Report,
     add_moved_robot,
+    add_overwrite,
     add_path_and_motion,
     add_robot_or_plan,
     not_empty,
@@ -43,6 +44,7 @@ def add_show_options(parser: OneLineParser) -> None:
         metavar="FILE",
         help="write one picture of a film, and end: .png, .svg, .pdf, or .gif and .apng, which move",
     )
+    add_overwrite(parser)
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
@@ -63,21 +65,23 @@ def run_show(options: Namespace) -> Report:
 
             options.progress.start("drawing the picture")
             page = film_picture(filmed, FilePath(file).suffix[1:])
-        return _report_file(file, page, filmed, chosen=not films)
+        return _report_file(options, file, page, filmed, chosen=not films)
     if films:
         return _serve_page(options, film_page(films), robot=None)
     robot = arguments.load(options)
     return _serve_page(options, hand_page(robot), robot)
 
 
-def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
+def _report_file(
+    options: Namespace, file: str, page: str | bytes, films: list[Film], *, chosen: bool
+) -> Report:
     """Write a page or picture to a file, and report its films.
 
     `chosen`: no scene was typed, so that this program chose one.
     """
     from framework.show.captions import describe_flexibility, display_name
 
-    document, (written,) = arguments.write_page(FilePath(file), page)
+    document, (written,) = arguments.write_page(FilePath(file), page, options)
     entries = []
     scenes = []
     for film in films:
@@ -156,6 +160,7 @@ def add_report_options(parser: OneLineParser) -> None:
     parser.add_argument(
         "--html", type=not_empty, metavar="FILE", help="where to write it (default: DIR/report.html)"
     )
+    add_overwrite(parser)
 
 
 def run_report(options: Namespace) -> Report:
@@ -167,4 +172,4 @@ def run_report(options: Namespace) -> Report:
     folder = FilePath(options.folder)
     plan = load_plan(folder, robot_file=options.robot_file)
     page = report_page(plan, name=describe_saved_plan(plan, folder.resolve().name))
-    return arguments.write_page(FilePath(options.html or folder / "report.html"), page)
+    return arguments.write_page(FilePath(options.html or folder / "report.html"), page, options)

@@ -174,7 +174,7 @@ def run_map(options: Namespace) -> Report:
         if folder is not None:
             options.progress.start("drawing the figures")
             _write_map(workspace, path, folder)
-    return _report_map(workspace, margin)
+    return _report_map(workspace, margin, is_whole=options.window is None)
 
 
 def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
@@ -219,18 +219,29 @@ def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> 
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
-def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
-    """Return a map as a document, and in text its counts, locus and statistics."""
+def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, is_whole: bool) -> Report:
+    """Return a map as a document, and in text its counts, locus and statistics.
+
+    Args:
+        is_whole: whether the window was chosen to hold all that is reached.
+    """
     robot = workspace.robot
     window = workspace.window
     rows, columns = window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
     title = f"{robot.name}: {rows} x {columns} poses"
-    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    edges = workspace.open_edges
+    cut = ""
+    if edges and is_whole:
+        axes = list(window.axes)
+        ends = np.abs(np.array([window.lower, window.upper]) - window.constants[axes])
+        reach = (ends / robot.platform_scale[axes]).max()
+        cut = f"; more is reached beyond its {', '.join(edges)}, {reach:.2g} robot lengths or rad away"
+    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
-    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
-    lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
+    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in edges]
+    lines.append(f"  locus: {workspace.locus_sentence}, {workspace.locus.seconds:.2f} s")
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
         values = map(document["quantities"][quantity.key].get, STATISTICS)

@@ -154,7 +154,7 @@ class ControlLoop:
 
     tolerance: float = 2.5e-3  # [robot lengths, rad]
     end: float = 2.5e-3  # [robot lengths, rad]
-    # (n_a,) largest motor torques [N m, N]; None: those of the robot file, or 10 times the plan's peaks
+    # (n_a,) largest motor torques [N m, N]; None: those of the plan, or 10 times its peaks
     limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
@@ -188,14 +188,16 @@ class Run(Outcomes):
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Return the torque limits (n_a,) [N m, N] of the loop.
 
-    By default they are the limits of the robot file. A motor without one has 10 times the plan's peak, which
-    only a diverging run asks for.
+    By default they are the limits of the plan, which are those of the robot file unless others were stated. A
+    motor without one has 10 times the plan's peak, which only a diverging run asks for.
 
     Raises:
         InvalidInput: an invalid limit.
     """
+    limits = reference.torque_limit
     try:
-        limits = motor_limits(reference.robot, "torque_limit", loop.limit)
+        if loop.limit is not None:
+            limits = motor_limits(reference.robot, "torque_limit", loop.limit)
     except InvalidInput as reason:
         # the option of the loop is called limit, that of the robot file torque_limit
         raise InvalidInput(str(reason).removeprefix("torque_")) from None

@@ -37,6 +37,7 @@ import numpy as np
 
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_dynamics import forward_derivatives
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
@@ -70,6 +71,7 @@ class Reference(ReadOnlyArrays):
     dx: Array  # (K, n) their rates
     ddx: Array  # (K, n) their accelerations
     torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
+    torque_limit: Array  # (n_a,) limits that the plan was made for, motor side; infinite without
     period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
@@ -127,6 +129,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         dx=plan.platform(times, order=1),
         ddx=plan.platform(times, order=2),
         torque=dynamics.torques(times),
+        torque_limit=motor_limits(robot, "torque_limit", plan.request.torque_limit),
         period_torque=dynamics.torques(middles),
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, order=1),

@@ -197,9 +197,9 @@ class KnownDeflections(NamedTuple):
         dp = rate[:, None]
         return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]
 
-    def evaluate(self, time: float, order: int) -> Array:
-        """Compute deflections (n_e,), or their first or second time derivative, at a time [s]."""
-        return self(np.array([time]))[order][0]
+    def evaluate(self, times: Array, order: int) -> Array:
+        """Compute deflections (T, n_e), or their first or second time derivative, at times (T,) [s]."""
+        return self(times)[order]
 
 
 class SplineFunction(NamedTuple):

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.forces import Forces, joint_forces
+from framework.dynamics.forces import Forces, joint_forces, tree_forces
 from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
@@ -42,35 +42,34 @@ from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
 
-class Pass(NamedTuple):
-    """A motion with deflections on the time nodes, its forces, and the deflections caused."""
+class Checkpoints(NamedTuple):
+    """The undeformed motion apart from the nodes: at crossings, then between nodes or along the motion."""
 
-    law: MotionLaw
-    deflections: TimeFunction  # (n_e) [rad, m] of the motion
-    q_e: Array  # (T, n_e) their values at the nodes
+    times: Array  # (T,) [s]
     motion: Motion
-    forces: Forces
-    caused: Array  # (T, n_e) deflections that the forces cause
-
-    @property
-    def residual(self) -> Array:
-        """The caused deflections minus the deflections of the motion (T, n_e); zero in balance."""
-        return self.caused - self.q_e
+    forces: Array  # (T, nv) r of the open tree
 
 
 @dataclass(frozen=True, eq=False)
-class DeflectionSolution:
-    """The motion on the nodes of a grid, its forces, and its deflections before and after a pass."""
+class Pass:
+    """A motion with deflections on the nodes of a grid, its forces, and the deflections that they cause."""
 
     grid: TimeGrid
     law: MotionLaw
+    deflections: TimeFunction  # (n_e) [rad, m] of `motion`, or caused by its forces if a pass improves them
+    q_e: Array  # (T, n_e) those of the motion that causes the forces
     motion: Motion
     forces: Forces
-    deflections: TimeFunction  # (n_e) of `motion`, or caused by its forces if a pass improves them
-    caused: Array  # (T, n_e) deflections that `forces` cause
-    passes: int = 1
+    caused: Array  # (T, n_e) deflections that the forces cause
+    passes: int = 1  # number of passes up to this one
     change: float = 0.0  # by one more pass, over the largest deflection or spring force
     is_settled: bool = True  # as far as this grid allows
+    checkpoints: Checkpoints | None = None  # of a rigid robot
+
+    @property
+    def residual(self) -> Array:
+        """The caused deflections minus those of the motion (T, n_e); zero in balance."""
+        return self.caused - self.q_e
 
 
 def solve_deflections(
@@ -82,7 +81,8 @@ def solve_deflections(
     *,
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
-) -> DeflectionSolution:
+    at_rest: Pass | None = None,
+) -> Pass:
     """Solve for deflections and forces at the nodes of the grid.
 
     Args:
@@ -93,20 +93,19 @@ def solve_deflections(
         tolerance: relative change of deflections that counts as settled.
         is_fine: whether the grid resolves the forces of the undeformed robot; if not, the iteration is left
             to a finer grid.
+        at_rest: the pass with springs at rest under the first law, if known.
 
     Raises:
         SpringsTooSoft: the forces of the undeformed robot deflect springs beyond the range of a linear one.
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-    current = evaluate_pass(branch, grid, first_law, at_rest, neighbour=None)
+    current = at_rest or pass_at_rest(branch, grid, first_law, np.empty(0))[0]
     if geometry == "rigid":
         return _small_displacements(branch, grid, current)
     _check_stiffness(robot, grid, current)
     if not is_fine(current):
-        solution = _solution_of_pass(robot, grid, current, at_rest)
-        return replace(solution, change=np.inf)  # not converged on this grid, so that a finer one is tried
+        return replace(current, change=np.inf)  # not converged on this grid, so that a finer one is tried
     return _iterate_passes(branch, grid, choose_law, tolerance, current)
 
 
@@ -119,7 +118,7 @@ def _iterate_passes(
     *,
     # change by a pass over the change by the last pass; above this ratio, passes end
     good_contraction: float = 0.3,
-) -> DeflectionSolution:
+) -> Pass:
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
     Args:
@@ -138,7 +137,7 @@ def _iterate_passes(
         truncation = _relative_size(robot, current.residual - resolved_change, current)
         # before the second pass the contraction is unknown, and assumed
         contraction = change / last_change if np.isfinite(last_change) else good_contraction
-        solution = _solution_of_pass(robot, grid, current, current.deflections, passes)
+        solution = replace(current, passes=passes, change=_relative_size(robot, current.residual, current))
         # change * contraction estimates the change by the next pass
         if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
             return replace(solution, deflections=following)
@@ -155,9 +154,7 @@ def _iterate_passes(
     return replace(solution, is_settled=change <= tolerance)
 
 
-def assess_deflections(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections
-) -> DeflectionSolution:
+def assess_deflections(branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections) -> Pass:
     """Evaluate the motion with known deflections; its `change` is their relative residual of balance.
 
     Args:
@@ -171,10 +168,10 @@ def assess_deflections(
     values = deflections[0]  # (T, n_e), without their time derivatives
     forces, residual = balancing_forces(branch.robot, motion, values)
     caused = -forces.spring_force / branch.robot.stiffness  # deflections under these spring forces
-    return DeflectionSolution(grid, law, motion, forces, grid.fit(values), caused, change=residual)
+    return Pass(grid, law, grid.fit(values), values, motion, forces, caused, change=residual)
 
 
-def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
+def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Pass:
     """Return the deflections caused by forces of the undeformed robot, and the deflected motion.
 
     Args:
@@ -184,7 +181,7 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
     motion = current.motion
     if branch.robot.n_e:
         _q_e, motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)
-    return DeflectionSolution(grid, current.law, motion, current.forces, deflections, current.caused)
+    return replace(current, motion=motion, deflections=deflections)
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
@@ -204,22 +201,6 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
         f"would deflect {robot.elastic_names[k]} by {abs(current.caused[instant, k]):.3g} {unit} at t = "
         f"{grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
         residual=float(size[instant, k]),
-    )
-
-
-def _solution_of_pass(
-    robot: ParallelRobot, grid: TimeGrid, current: Pass, deflections: TimeFunction, passes: int = 1
-) -> DeflectionSolution:
-    """Return the solution of a pass, with its relative change.
-
-    Args:
-        current: the pass.
-        deflections: the deflections of its motion.
-        passes: number of passes up to this one.
-    """
-    change = _relative_size(robot, current.residual, current)
-    return DeflectionSolution(
-        grid, current.law, current.motion, current.forces, deflections, current.caused, passes, change
     )
 
 
@@ -255,6 +236,27 @@ def _relative_size(
 # ------------------------------------------------------------------ one pass
 
 
+def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> tuple[Pass, Checkpoints]:
+    """Compute the pass with springs at rest on the nodes of the grid, and the motion at other instants.
+
+    All instants are one stack, whose loops are closed and whose motion is computed once.
+
+    Args:
+        beside: instants (k,) [s] apart from the nodes, where the motor torques may have no value.
+    """
+    robot = branch.robot
+    times = np.concatenate([grid.times, beside])
+    still = np.zeros((len(times), robot.n_e))
+    both = motion_with_deflections(branch, times, law, (still, still, still))
+    count = len(grid.times)
+    motion, aside = both.select(slice(count)), both.select(slice(count, None))
+    forces = joint_forces(robot, motion)
+    caused = -forces.spring_force / robot.stiffness  # Eq. (3b) with linear springs
+    at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
+    checkpoints = Checkpoints(beside, aside, tree_forces(robot, aside))
+    return Pass(grid, law, at_rest, still[:count], motion, forces, caused), checkpoints
+
+
 def evaluate_pass(
     branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
 ) -> Pass:
@@ -271,7 +273,7 @@ def evaluate_pass(
     q_e, motion = evaluate_deflected_motion(branch, grid, law, deflections, neighbour)
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
-    return Pass(law, deflections, q_e, motion, forces, caused)
+    return Pass(grid, law, deflections, q_e, motion, forces, caused)
 
 
 def evaluate_deflected_motion(

@@ -279,7 +279,9 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
     dq = changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
-    of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
+    of_loops = loop_force_changes(
+        robot, robot.spanning_loops, linearised.frames, wrenches, linearised.spread(multipliers), dq
+    )
 
     # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
     changed = changes.accelerations @ mass

@@ -34,15 +34,14 @@ from framework.dynamics.instant import (
 )
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import ClosedStack, assembled_at, scaled_loops
+from framework.kinematics.linearised_loops import assembled_at, require_closed_rates
 from framework.kinematics.motion_rates import Motion, MotionChanges, coordinate_changes, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.numerics.ordered_sums import matvec, solve
+from framework.numerics.ordered_sums import solve
 from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
-from framework.tolerances import FILE_ROUNDING
 
 
 def forward_dynamics(
@@ -84,7 +83,7 @@ def forward_dynamics(
     count = len(closed.q)
     rates = stack_rows("v", v, robot.nv, count)
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
-    _check_rates(robot, closed, rates)
+    require_closed_rates(robot, closed.linearised, rates)
 
     at_rest = np.zeros((count, robot.nv))
     # the motion without accelerations, under the external wrenches
@@ -110,24 +109,6 @@ def forward_dynamics(
 def _equations_of(robot: ParallelRobot) -> EquationsOfMotion:
     """Return the equations of motion of a robot."""
     return EquationsOfMotion.of(robot)
-
-
-def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates v (T, nv) that open the loops of configurations `closed`: J v must be rounding.
-
-    Args:
-        closed: T configurations with closed loops.
-    """
-    speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
-    loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
-    opening_rows = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
-    if len(opening_rows):
-        first = opening_rows[0]
-        row = f", row {first}" if len(v) > 1 else ""
-        raise InvalidInput(
-            f"v{row}: the loops of {robot.name} open with {loop_rates[first]:.3g} rad/s or robot "
-            f"lengths/s; see `dynamics_at`"
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,16 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
-    DeflectionSolution,
+    Checkpoints,
     LawChoice,
     Pass,
     assess_deflections,
+    pass_at_rest,
     solve_deflections,
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
+    between_nodes,
     check_idle_joints,
     measure_residuals,
     unresolved_error,
@@ -36,9 +38,13 @@ from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_
 from framework.dynamics.restoration import deflections_of
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
+    SAMPLES,
+    CrossedPoint,
     check_bounded,
     check_crossings,
     deformed_crossing,
+    find_crossed_points,
+    measure_crossings,
     panel_edges,
     rigid_crossings,
 )
@@ -216,19 +222,8 @@ def resolve(
     check_tolerance(tolerance)
     robot = searched.branch.robot
     law = choose_law(None, None)  # for springs at rest
-    crossings = rigid_crossings(searched.branch, searched.points, law)
-    if geometry == "rigid":
-        check_bounded(robot, crossings, CONDITION_RESIDUAL)
-    refinement = _Refinement(
-        searched,
-        choose_law,
-        geometry,
-        tolerance,
-        known,
-        law,
-        crossings_at_rest=crossings,
-        crossings=crossings,
-    )
+    crossed = find_crossed_points(searched.branch, searched.points, law)
+    refinement = _Refinement(searched, choose_law, geometry, tolerance, known, law, crossed)
     unseen: NearMiss | None = None  # near miss that the last grid did not resolve
     sizes = SIZES if len(edges_of(law)) else SIZES[1:]
     for size in sizes:
@@ -277,8 +272,9 @@ class _Refinement:
     tolerance: float
     known: KnownDeflections | None  # None: the deflections are solved for
     law: MotionLaw  # for springs at rest
-    crossings_at_rest: tuple[SingularityCrossing, ...]  # of the undeformed robot
-    crossings: tuple[SingularityCrossing, ...]  # with the deflections of the last grid
+    crossed: list[CrossedPoint]  # of the undeformed robot
+    crossings_at_rest: tuple[SingularityCrossing, ...] = ()  # the same, with t_s . W_p
+    crossings: tuple[SingularityCrossing, ...] = ()  # with the deflections of the last grid
     passes: int = 0  # on all grids together
     certificates: list[Certificate] = field(default_factory=list)  # one for each grid with a result
 
@@ -304,24 +300,28 @@ class _Refinement:
         has_stalled = len(changes) > 2 and 2.0 * min(changes[-2:]) > changes[-3]
         return self.known is not None or has_stalled
 
-    def solve(self, size: int) -> DeflectionSolution:
+    def solve(self, size: int) -> Pass:
         """Solve for motion, forces and deflections on a grid of `size` nodes per panel.
 
         No node is at a crossing. The crossings are those of the undeformed robot, because the passes begin
-        with springs at rest; with known deflections they are those that the last grid has found.
+        with springs at rest; with known deflections they are those that the last grid has found. The first
+        grid measures t_s . W_p of the undeformed robot.
 
         Raises:
             UnboundedTorque: the law violates condition (8).
             NotConverged: the springs are too soft for the motion.
         """
         branch = self.searched.branch
-        crossings = self.crossings_at_rest if self.known is None else self.crossings
+        crossings = self.crossed if self.known is None or not self.crossings else self.crossings
         instants = np.array([crossing.time for crossing in crossings])
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:
+                if not self.crossings:
+                    self.crossings = rigid_crossings(branch, self.searched.points, self.law)
                 solution = assess_deflections(branch, grid, self.law, self.known)
             else:
+                at_rest, checkpoints = self._pass_at_rest(grid, instants)
                 solution = solve_deflections(
                     branch,
                     grid,
@@ -330,7 +330,10 @@ class _Refinement:
                     self.law,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
                     is_fine=lambda at_rest: self._is_fine(grid, at_rest),
+                    at_rest=at_rest,
                 )
+                if not branch.robot.n_e:
+                    solution = replace(solution, checkpoints=checkpoints)
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
                 check_bounded(branch.robot, self.crossings, self.allowed_residual)
@@ -343,6 +346,24 @@ class _Refinement:
             ) from None
         self.passes += solution.passes
         return solution
+
+    def _pass_at_rest(self, grid: TimeGrid, instants: Array) -> tuple[Pass, Checkpoints]:
+        """Compute the pass with springs at rest; measure the crossings at `instants` (k,) on the first grid.
+
+        Raises:
+            UnboundedTorque: the law violates condition (8), and the geometry is rigid.
+        """
+        branch = self.searched.branch
+        # the series of a rigid robot are checked at the same instants
+        others = np.linspace(0.0, grid.edges[-1], SAMPLES) if branch.robot.n_e else between_nodes(grid)
+        at_rest, checkpoints = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
+        if self.crossed and not self.crossings_at_rest:
+            at_points, along = np.split(checkpoints.forces, [len(instants)])
+            self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
+            self.crossings_at_rest = self.crossings
+            if self.geometry == "rigid":
+                check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
+        return at_rest, checkpoints
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
         """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
@@ -358,7 +379,7 @@ class _Refinement:
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, solution: DeflectionSolution) -> InverseDynamics:
+    def evaluate(self, solution: Pass) -> InverseDynamics:
         """Return the result on one grid, and store its certificate and crossings for the next grid.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
@@ -409,9 +430,7 @@ class _Refinement:
         return replace(result, crossings=self.crossings)
 
 
-def _check_result(
-    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, friction: str
-) -> InverseDynamics:
+def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, friction: str) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
@@ -478,9 +497,7 @@ def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _largest_tail(
-    robot: ParallelRobot, grid: TimeGrid, solution: Pass | DeflectionSolution, torques: TimeFunction
-) -> float:
+def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques: TimeFunction) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
     Args:

@@ -24,28 +24,36 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import DeflectionSolution, spring_scale
+from framework.dynamics.elasticity import Pass, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
-from framework.errors import LoadedJoint, NotAssembled, NotConverged, round_up
+from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate, tree_columns
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
+from framework.kinematics.frames import tree_columns
+from framework.kinematics.inverse_kinematics import turn_motions
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    linearised_at,
+    linearised_at_reference,
+    type2_matrix,
+)
 from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, link_of
 from framework.laws.law import law_derivatives
 from framework.laws.path import PointPath, time_derivatives
+from framework.model.description import AXES, Closure
 from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeGrid
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
 
 
-def measure_residuals(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> Certificate:
+def measure_residuals(branch: Branch, solution: Pass, result: InverseDynamics) -> Certificate:
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
@@ -59,16 +67,14 @@ def measure_residuals(branch: Branch, solution: DeflectionSolution, result: Inve
     """
     robot = branch.robot
     _check_dropped_rows(robot, solution)
-    times = _choose_check_instants(robot, solution.grid.times)
-    poses, motion = evaluate_motion(branch, result, times)
-    torques = solution.grid.fit(solution.forces.joint_torque)(times)
-    residual = _residual_torques(robot, motion, torques)
+    times, _motion, residual = _missing_forces(branch, solution, result)
     # the load of an idle joint is no error of the series: `check_idle_joints` limits it
     residual[:, robot.structure.idle] = 0.0
+    poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
-        solution.motion.linearised.loops.residual,  # on the nodes
-        poses.linearised.loops.residual,  # at `times`
-        poses.linearised.residual[:, : robot.n],  # of the platform equations, at `times`
+        solution.motion.linearised.solved_residual,  # on the nodes
+        poses.solved_residual,  # at `times`, with the errors of the series
+        poses.residual[:, : robot.n],  # of the platform equations, at `times`
     )
     return replace(
         result.certificate,
@@ -99,7 +105,7 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     return gap
 
 
-def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: InverseDynamics) -> float:
+def check_idle_joints(branch: Branch, solution: Pass, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
     No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
@@ -116,10 +122,8 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
     idle = branch.robot.structure.idle
     if not len(idle):
         return 0.0
-    times = _choose_check_instants(robot, solution.grid.times)
-    _poses, motion = evaluate_motion(branch, result, times)
-    torques = solution.grid.fit(solution.forces.joint_torque)(times)
-    loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
+    times, torques, residual = _missing_forces(branch, solution, result)
+    loads = residual[:, idle]  # (T, idle)
 
     # find the largest load, with forces of sliding joints converted to moments
     scale = robot.column_scale
@@ -130,7 +134,7 @@ def check_idle_joints(branch: Branch, solution: DeflectionSolution, result: Inve
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
 
-    joint = robot.coordinates.name_of(column)
+    joint = robot.coordinates.turn_name(column)
     raise LoadedJoint(
         f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
         f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
@@ -147,59 +151,91 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     The coordinate has the index `column` in the velocity vector. It is a joint, which can be locked, or a
     turn of a ball, which a closure between the bodies at both ends of the ball locks.
     """
-    model = robot.model
-    name = robot.coordinates.name_of(column)
-    joint = int(tree_columns(robot).owner[column])  # pinocchio's joint to which the coordinate belongs
-    if not is_ball(model.joints[joint]):
+    name = robot.coordinates.turn_name(column)
+    ball = int(tree_columns(robot).owner[column])  # pinocchio's joint to which the coordinate belongs
+    if not is_ball(robot.model.joints[ball]):
         return (
             f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
             f"it a motor, or leave out the inertia behind it"
         )
-    frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
-    # the body in front of the ball, and the body behind it
-    ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
+    closure = _closure_that_holds(robot, column, ball)
+    ends = ", ".join(closure.frames) if closure else ""
+    by_closure = f", or by a closure {{frames: [{ends}], axes: [{closure.axes[0]}]}}" if closure else ""
     return (
-        f"lock {name} (--lock of `crossing convert`), or that turn of the ball "
-        f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
-        f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
-        f"springs of the balls that it turns, and what is unlike about their axes"
+        f"lock {name} (--lock of `crossing convert`){by_closure}, or leave out its inertia about that line, "
+        f"and the springs of the balls that it turns, and what is unlike about their axes"
     )
 
 
-def _choose_check_instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Return instants (T,) [s] half-way between the nodes and, with idle joints, the nodes too.
+def between_nodes(grid: TimeGrid) -> Array:
+    """Return the instants (T,) [s] half-way between the nodes of each panel."""
+    middles = 0.5 * (grid.times[1:] + grid.times[:-1])
+    return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
 
-    On the nodes the equations of all joints but the idle ones hold by construction, so that nodes check the
-    idle joints alone.
+
+def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure | None:
+    """Return the closure that locks an idle turn of a ball, tried on the robot; None if none does.
+
+    It locks the axis of the body in front of the ball that is nearest to the line of the turn.
     """
-    middle = 0.5 * (nodes[1:] + nodes[:-1])
-    return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
+    model, reference = robot.model, linearised_at_reference(robot)
+    columns = np.arange(3) + model.joints[ball].idx_v
+    turn = turn_motions(robot, reference)[0, columns, robot.structure.idle.tolist().index(column)]  # (3,)
+    line = turn @ reference.frames.screws[0, columns, 3:]  # on base axes
+    front = model.frames[model.getFrameId(model.names[ball], pin.FrameType.JOINT)].parentFrame
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, robot.reference.q)
+    axis = AXES[3 + int(np.abs(data.oMf[front].rotation.T @ line).argmax())]
+    frames = (str(model.frames[front].name), link_of(model, ball))
+    closure = Closure(f"hold_{model.names[ball]}", frames, (axis,))
+    description = replace(robot.description, closures=(*robot.description.closures, closure))
+    try:
+        trial = ParallelRobot.from_description(description, flexibility=robot.flexibility)
+    except FrameworkError:
+        return None
+    return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the result's series at instants (T,) [s].
+def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> tuple[Array, Array, Array]:
+    """Compute the forces missing for balance between the nodes, and with idle joints on the nodes, too.
 
-    The loops are not closed again, so that poses and motion have the errors of the series. With rigid
-    geometry the motion is that of the undeformed robot, and its loops are closed.
+    On the nodes the equations of all joints but the idle ones hold by construction.
+
+    Args:
+        solution: motion and forces on the nodes of the grid.
+        result: the series through them.
 
     Returns:
-        The poses, deflections included, and the motion that causes the forces.
+        Instants (T,) [s]; the joint torques of the series (T, n_a); the missing forces (T, nv).
     """
     robot = branch.robot
-    s_and_rates = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
-    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
-    offsets = result.offsets(times)
-    rates = [rate(times) for rate in result.deflection_rates]
-    q = integrate(robot, result.origin, offsets)
-    poses = ClosedStack(q, x, linearised_at(robot, q, x))
-    if robot.n_e and result.geometry == "rigid":
-        motion = motion_at(robot, branch.close(s_and_rates[0]), dx, ddx)
+    needs_nodes = len(robot.structure.idle) > 0
+    checkpoints = solution.checkpoints
+    if checkpoints is not None and not needs_nodes:
+        times, motion, r = checkpoints
     else:
-        motion = motion_at(robot, poses, dx, ddx, *rates)
-    return poses, branch.load_motion(motion, s_and_rates[0])
+        times = between_nodes(solution.grid)
+        times = np.concatenate([times, solution.grid.times]) if needs_nodes else times
+        motion = evaluate_motion(branch, result, times)
+        r = tree_forces(robot, motion)
+    torques = solution.grid.fit(solution.forces.joint_torque)(times)
+    return times, torques, _residual_torques(robot, motion.linearised, r, torques)
 
 
-def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> None:
+def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Motion:
+    """Evaluate the motion that causes the forces of a result, at instants (T,) [s].
+
+    With rigid geometry it is that of the undeformed robot.
+    """
+    robot = branch.robot
+    if not (robot.n_e and result.geometry == "rigid"):
+        return result.motion(times)
+    s_and_rates = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
+    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
+    return branch.load_motion(motion_at(robot, branch.close(s_and_rates[0]), dx, ddx), s_and_rates[0])
+
+
+def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
     """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
 
     At the reference such an equation follows from the others. It may not do so elsewhere.
@@ -229,19 +265,18 @@ def _check_dropped_rows(robot: ParallelRobot, solution: DeflectionSolution) -> N
     )
 
 
-def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
+def _residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:
     """Compute the generalised forces (T, nv) missing for balance.
 
     They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see the
     header). Elastic columns are zero.
 
     Args:
+        r: (T, nv) forces of the open tree.
         torque: motor torques (T, n_a), joint side.
     """
-    linearised = motion.linearised
     columns = robot.moving
     idle = robot.structure.idle
-    r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(r)
@@ -251,9 +286,7 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     return residual
 
 
-def unseen_near_miss(
-    searched: SearchedPath, solution: DeflectionSolution, result: InverseDynamics
-) -> NearMiss | None:
+def unseen_near_miss(searched: SearchedPath, solution: Pass, result: InverseDynamics) -> NearMiss | None:
     """Find the first near miss at which the torques differ from their series, if any.
 
     Args:
@@ -271,7 +304,7 @@ def unseen_near_miss(
 
 
 def _is_resolved_near(
-    branch: Branch, solution: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+    branch: Branch, solution: Pass, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
     """Return whether the series of the torques is accurate at a near miss.
 
@@ -290,14 +323,14 @@ def _is_resolved_near(
 
     def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        _poses, motion = evaluate_motion(branch, result, shares * duration)
+        motion = evaluate_motion(branch, result, shares * duration)
         return type2_matrix(robot, motion.linearised)
 
     # deflections shift the least |g|: find it again; `closest.s` is a share of the duration
     closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
     doubled = closest.bracket(2 * abs(closest.g))  # shares on both sides at which |g| has doubled
     times = duration * np.array([closest.s, *doubled])
-    _poses, motion = evaluate_motion(branch, result, times)
+    motion = evaluate_motion(branch, result, times)
     torques = solution.forces.joint_torque
     error = np.abs(joint_forces(robot, motion).joint_torque - solution.grid.fit(torques)(times)).max()
     g_error = closest.rounding / max(abs(closest.g), closest.rounding)  # relative; torques are ~ 1 / g
@@ -319,7 +352,7 @@ def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
     )
 
 
-def unsettled_error(robot: ParallelRobot, solution: DeflectionSolution) -> NotConverged:
+def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
     """Return the error for deflections that did not converge, with the largest deflection.
 
     Args:

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from framework.errors import real_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.tolerances import AT_REST
@@ -81,7 +82,7 @@ class PlannedFriction(ReadOnlyArrays):
 
         It is zero at the ends of intervals, and outside the motion.
         """
-        times = np.asarray(t, dtype=float)
+        times = real_numbers("t", t)
         torques = []  # of each motor
         for instants, between in zip(self.instants, self.between, strict=True):
             with_outside = np.pad(between, 1)  # zero before and after the motion

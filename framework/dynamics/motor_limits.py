@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, choose_from, real_numbers, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 
@@ -37,8 +37,8 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     else:
         values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
     try:
-        numbers = np.array([np.inf if limit is None else limit for limit in values], dtype=float)
-    except (TypeError, ValueError):
+        numbers = real_numbers(name, [np.inf if limit is None else limit for limit in values])
+    except InvalidInput:
         numbers = np.empty(0)  # refused by its shape
     has_bool = any(isinstance(value, bool) for value in values)
     if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(numbers > 0):

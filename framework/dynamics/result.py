@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.dynamics.motor_friction import PlannedFriction
-from framework.errors import check_order
+from framework.errors import check_order, real_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -136,7 +136,7 @@ class InverseDynamics(ReadOnlyArrays):
         """
         if order != 2:
             return self.motor_angles(t, order)
-        times = np.asarray(t, dtype=float)
+        times = real_numbers("t", t)
         accelerations = self.robot.gear_ratio * self.motion(times.ravel()).a[:, self.robot.actuated]
         return accelerations.reshape(*times.shape, -1)
 
@@ -147,7 +147,7 @@ class InverseDynamics(ReadOnlyArrays):
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
         check_order(order, HIGHEST_ORDER)
-        times = np.asarray(t, dtype=float)
+        times = real_numbers("t", t)
         return time_derivatives(self.path, law_derivatives(self.law, times, order + 1))[order]
 
     def configuration(self, t: ArrayLike) -> Array:
@@ -156,7 +156,7 @@ class InverseDynamics(ReadOnlyArrays):
 
     def motion(self, t: ArrayLike) -> Motion:
         """Compute the motion of all joints at t (T,), loops closed to rounding, with external wrenches."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = np.atleast_1d(real_numbers("t", t))
         s_and_rates = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
         x, dx, ddx = time_derivatives(self.path, s_and_rates)
         closed = close_loops(self.robot, x, self.configuration(times))

@@ -8,15 +8,16 @@ t_s . W_p = eta . r is the power in this motion of the forces r that the planned
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elasticity import DeflectionSolution
+from framework.dynamics.elasticity import Pass
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, escape_error
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type2_matrix
+from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -24,7 +25,7 @@ from framework.laws.law import MotionLaw, edges_of, law_derivatives
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid, real_roots
-from framework.singularity.bordered_system import root_of_g
+from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
@@ -113,9 +114,16 @@ def find_instants(
     return [roots[np.diff(roots, prepend=-np.inf) > apart] for roots in instants]
 
 
-def rigid_crossings(
+class CrossedPoint(NamedTuple):
+    """An instant [s] at which a law passes a singular point of the undeformed robot."""
+
+    time: float
+    point: SingularPoint
+
+
+def find_crossed_points(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
-) -> tuple[SingularityCrossing, ...]:
+) -> list[CrossedPoint]:
     """Find all instants at which the undeformed robot passes a singular point.
 
     Args:
@@ -126,41 +134,86 @@ def rigid_crossings(
     """
     for singular in points:
         check_kind(branch.robot, singular)
+    if not points:
+        return []
     edges = panel_edges(branch, law)
     # every instant of a crossing, with the singular point
     instants = find_instants(law, edges, [point.s for point in points])
-    crossed = [(float(t), point) for point, times in zip(points, instants, strict=True) for t in times]
+    crossed = [
+        CrossedPoint(float(t), point) for point, times in zip(points, instants, strict=True) for t in times
+    ]
     if not crossed:
-        return ()
-    # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
-    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
-    speeds = np.abs(s_and_rates[1])
-    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
+        return []
+    speeds = np.abs(law(np.array([t for t, _ in crossed]), 1))
+    largest_speed = np.abs(law(np.linspace(0.0, law.duration, SAMPLES), 1)).max()
+    stops = speeds <= STOP_AT_CROSSING * largest_speed
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
         )
-    # the samples are approximate poses, which are enough for the size of the forces
-    q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s_and_rates[0][-SAMPLES:])])
-    forces = _undeformed_forces(branch, q, s_and_rates)
-    return tuple(
-        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([forces[k], forces[-SAMPLES:]]))
-        for k, (t, singular) in enumerate(crossed)
-    )
+    return crossed
 
 
-def _undeformed_forces(branch: Branch, q: Array, s_and_rates: list[Array]) -> Array:
-    """Compute the forces (T, nv) of the open tree at q (T, nq) along the path.
+def rigid_crossings(
+    branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
+) -> tuple[SingularityCrossing, ...]:
+    """Find all instants at which the undeformed robot passes a singular point, with t_s . W_p.
 
     Args:
-        s_and_rates: the path coordinate and its first two time derivatives, each (T,).
+        points: the singular points of the path.
+
+    Raises:
+        NoLaw: as `find_crossed_points`.
     """
-    x, dx, ddx = time_derivatives(branch.path, s_and_rates)
-    motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
-    return tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
+    crossed = find_crossed_points(branch, points, law)
+    if not crossed:
+        return ()
+    # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
+    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
+    motion = motion_at(branch.robot, branch.close(s_and_rates[0]), dx, ddx)
+    forces = tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
+    return measure_crossings(branch.robot, law, crossed, forces[:-SAMPLES], forces[-SAMPLES:])
+
+
+def measure_crossings(
+    robot: ParallelRobot, law: MotionLaw, crossed: list[CrossedPoint], at_points: Array, along: Array
+) -> tuple[SingularityCrossing, ...]:
+    """Compute t_s . W_p = eta . r of the undeformed robot at each of k crossed points.
+
+    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
+
+    Args:
+        at_points: (k, nv) forces r of the open tree at the crossed points.
+        along: (M, nv) forces r along the motion, for the size of their terms.
+    """
+    # the scale of eta . r is the largest sum of sizes of its terms along the motion, or that of inertia
+    inertial_force = robot.mass * robot.length / law.duration**2
+    crossings = []
+    for (t, singular), r in zip(crossed, at_points, strict=True):
+        eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
+        if singular.corank > 1:
+            eta = escaping_motions(robot, singular.pose, at_least=singular.corank).motions
+        sizes = np.abs(np.vstack([r, along])) @ np.abs(eta).T  # (1 + M, corank)
+        least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
+        scale = np.maximum(sizes.max(axis=0), least_scale)  # (corank,)
+        wrench = eta @ r  # (corank,)
+        worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
+        crossings.append(
+            SingularityCrossing(
+                time=t,
+                s=singular.s,
+                platform=singular.platform,
+                twist=singular.twist,
+                kind=singular.kind,
+                wrench=float(wrench[worst]),
+                scale=float(scale[worst]),
+            )
+        )
+    return tuple(crossings)
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
@@ -178,43 +231,12 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
-def _rigid_crossing(
-    robot: ParallelRobot, duration: float, t: float, singular: SingularPoint, forces: Array
+def deformed_crossing(
+    result: InverseDynamics,
+    at_rest: SingularityCrossing,
+    *,
+    law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
 ) -> SingularityCrossing:
-    """Compute t_s . W_p = eta . r of the undeformed robot at a singular point.
-
-    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
-
-    Args:
-        duration: duration of the motion [s].
-        t: instant [s] at which the motion passes the point.
-        singular: the singular point, with its motion eta.
-        forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
-    """
-    eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
-    if singular.corank > 1:
-        linearised = linearised_at(robot, singular.q[None], singular.platform[None])
-        eta = escaping_motions(robot, linearised, at_least=singular.corank).motions
-
-    # the terms of eta . r; their scale is the largest sum of sizes along the motion, or that of inertia
-    terms = forces[:, None] * eta  # (1 + SAMPLES, corank, nv)
-    inertial_force = robot.mass * robot.length / duration**2
-    least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
-    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)  # (corank,)
-    wrench = terms[0].sum(axis=1)  # (corank,) at the point
-    worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
-    return SingularityCrossing(
-        time=t,
-        s=singular.s,
-        platform=singular.platform,
-        twist=singular.twist,
-        kind=singular.kind,
-        wrench=float(wrench[worst]),
-        scale=float(scale[worst]),
-    )
-
-
-def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
     Args:
@@ -228,8 +250,12 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = root_of_g(matrices, at_rest.time, high=result.duration).place
-    motion = result.motion(t)
+    t = at_rest.time
+    motion = result.motion(t)  # most laws are made for a crossing at this very instant
+    P = type2_matrix(robot, motion.linearised)
+    if np.abs(solve_bordered(P, Border.of(P)).g[0]) > law_root_rounding:
+        t = root_of_g(matrices, t, high=result.duration).place
+        motion = result.motion(t)
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
@@ -266,7 +292,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     )
 
 
-def check_crossings(robot: ParallelRobot, solution: DeflectionSolution, result: InverseDynamics) -> None:
+def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> None:
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
     An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.

@@ -161,7 +161,9 @@ def _curvature(
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
     motions[:, :, robot.unlocked] = steps.swapaxes(1, 2)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
-    changes = loop_force_changes(robot, robot.loops, frames, wrenches, multipliers, motions)
+    changes = loop_force_changes(
+        robot, robot.spanning_loops, frames, wrenches, linearised.spread(multipliers), motions
+    )
     if isinstance(platform, FramePlatform):
         at_origin = load.share[:, None] * (load.w @ platform.units)  # (T, 6) on base axes
         applied = applied_wrench(robot, frames, robot.description.platform.frame, at_origin)

@@ -12,7 +12,7 @@ elastic robots and polynomials there is no such proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
+from framework.planning.refusals import SearchEvidence
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
@@ -177,24 +178,45 @@ def _bracket_capacity(
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
     From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket from
-    the largest multiple with a plan, `multiple`, to the least one without, `end`, is bisected at geometric
-    means.
+    the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by secants of
+    the least peaks of refused multiples, or where they do not serve bisected at geometric means.
 
     Args:
         capacity: that of the multiple 0, with its plan.
     """
     multiple = 1.0
+    peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
     while 1.0 / max_multiple <= multiple <= max_multiple:
         capacity = task.try_multiple(capacity, multiple)
+        evidence = getattr(capacity.refusal, "evidence", None)
+        if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
+            peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if capacity.end == np.inf:  # all multiples so far have plans
             multiple = 2.0 * capacity.multiple
         elif capacity.multiple == 0.0:  # none has
             multiple = 0.5 * capacity.end
         elif (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
-            multiple = float(np.sqrt(capacity.multiple * capacity.end))
+            multiple = _narrow_bracket(capacity, peaks)
         else:
             break
     return capacity
+
+
+def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
+    """Choose a multiple between the largest with a plan and the least without.
+
+    The least peak is convex in the multiple, so its secant through two refused multiples meets the limit at
+    or above the capacity. A multiple just below that point is tried, and after it one just above.
+    """
+    middle = float(np.sqrt(capacity.multiple * capacity.end))
+    if len(peaks) < 2 or not 0.0 < peaks[-1][1] < peaks[-2][1]:
+        return middle
+    (m_2, p_2), (m_1, p_1) = peaks[-2:]
+    limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) * (m_2 - m_1) / (p_2 - p_1)
+    if abs(limit / capacity.multiple - 1.0) < BRACKET_RATIO:  # planned just below it
+        limit = capacity.multiple * (1.0 + 1.35 * BRACKET_RATIO)
+    below = limit * (1.0 - 0.45 * BRACKET_RATIO)
+    return below if capacity.multiple < below < capacity.end else middle
 
 
 def _bound_capacity(

@@ -40,6 +40,7 @@ from framework.model.loop_rows import loop_rows
 from framework.model.placement import to_quaternion, unit_vector
 from framework.model.urdf_edits import vector_text
 from framework.numerics.arrays import Array
+from framework.numerics.output import PROGRAM
 from framework.tolerances import LOOP_GAP
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of massless bodies; MuJoCo refuses less than 1e-15
@@ -69,7 +70,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     """
     model = robot.model
     root = Element("mujoco", model=robot.name)
-    root.append(Comment(f" {START} "))
+    root.append(Comment(f" by {PROGRAM}: {START} "))
     SubElement(root, "compiler", angle="radian", autolimits="false")
     gravity = vector_text(model.gravity.linear)
     SubElement(root, "option", timestep=repr(TIME_STEP), gravity=gravity, integrator="implicitfast")

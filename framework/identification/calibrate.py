@@ -87,14 +87,16 @@ class Calibration(ReadOnlyArrays):
         """Return the robot with the calibrated geometry."""
         return ParallelRobot.from_description(self.geometry.description(self.values))
 
-    def write(self, folder: str | Path) -> Path:
+    def write(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the robot file and the URDF with the calibrated geometry; return the robot file.
 
         Raises:
-            OutputError: the folder cannot be written, or they would overwrite the files that were read.
+            OutputError: the folder cannot be written; they would overwrite the files that were read or,
+                without `overwrite`, files that somebody has edited.
         """
         description = self.geometry.description(self.values)
-        return write_robot_file(description, folder, comments=["Its geometry was calibrated."])
+        comments = ["Its geometry was calibrated."]
+        return write_robot_file(description, folder, comments=comments, overwrite=overwrite)
 
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""

@@ -126,13 +126,15 @@ class Identification(ReadOnlyArrays):
         """Return the robot with the identified parameters."""
         return ParallelRobot.from_description(self._description)
 
-    def write(self, folder: str | Path) -> Path:
+    def write(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the robot file and the URDF with the identified parameters; return the robot file.
 
         Raises:
-            OutputError: the folder cannot be written, or they would overwrite the files that were read.
+            OutputError: the folder cannot be written; they would overwrite the files that were read or,
+                without `overwrite`, files that somebody has edited.
         """
-        return write_robot_file(self._description, folder, comments=["Its parameters were identified."])
+        comments = ["Its parameters were identified."]
+        return write_robot_file(self._description, folder, comments=comments, overwrite=overwrite)
 
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""

@@ -6,8 +6,6 @@ for joints that have a sensor but no motor, in SI units and radians. Other colum
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +17,7 @@ from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, not_negative, positive
-from framework.numerics.input import read_text
+from framework.numerics.input import csv_rows, read_text
 from framework.numerics.rotations import whole_turns
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
@@ -95,8 +93,8 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
             a repeated column; no column of this robot; motor angles in degrees. Messages name row and column.
     """
     text = read_text(file, f"{file}", largest=largest_bytes)
-    reader = csv.reader(io.StringIO(text))
-    header = [name.strip() for name in next(reader, [])]
+    lines = csv_rows(f"{file}", text)
+    header = [name.strip() for name in next(lines, (1, [""]))[1]]
     # the header must name columns of this robot, each once
     valid = recording_columns(robot)
     if not set(header) & set(valid):
@@ -108,9 +106,9 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
     if repeated:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
 
-    # read the columns of this robot, and skip empty lines
+    # read the columns of this robot
     columns = [k for k, name in enumerate(header) if name in valid]
-    rows = [_read_row(f"{file}: line {reader.line_num}", header, columns, cells) for cells in reader if cells]
+    rows = [_read_row(f"{file}: line {line}", header, columns, cells) for line, cells in lines]
     if len(rows) < 2:
         raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
     recording = Recording(str(file), tuple(header[k] for k in columns), np.array(rows))

@@ -220,11 +220,12 @@ def nearby_configurations(
     mechanism: Mechanism,
     reference: Array,
     *,
+    distance: float = NEARBY_DISTANCE,  # [rad, robot lengths] of the joint that moves most
     same_direction_cosine: float = 0.99,  # two directions with a larger |cosine| count as the same
     max_nearby: int = 2,  # number of configurations
     draws: int = 8,  # number of random motions that are tried
 ) -> tuple[Array, ...]:
-    """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
+    """Find assembled configurations (nq,) about a `distance` from the reference (nq,), springs at rest.
 
     Random motions that the loops allow, drawn with a fixed seed, lead away from the reference. Then the loops
     are closed again. The configurations lie in different directions from the reference. A rigid structure has
@@ -242,14 +243,14 @@ def nearby_configurations(
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,) [rad, robot lengths]
-        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
+        step = distance * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
 
         offset = difference(mechanism, reference, closing.q) / scale
-        distance = np.linalg.norm(offset)
-        if closing.gap > CLOSED_LOOP or distance <= FILE_ROUNDING:  # open, or the reference itself
+        length = np.linalg.norm(offset)
+        if closing.gap > CLOSED_LOOP or length <= FILE_ROUNDING:  # open, or the reference itself
             continue
-        direction = offset / distance
+        direction = offset / length
         if all(abs(direction @ other) < same_direction_cosine for other in directions):
             configurations.append(closing.q)
             directions.append(direction)

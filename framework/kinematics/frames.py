@@ -191,13 +191,13 @@ class FrameMotions(NamedTuple):
         return FrameMotions(twist, twist_rate, np.stack([placements, velocity, acceleration]))
 
 
-def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
-    """Compute poses of all frames and screws of all joints at q (T, nq)."""
-    return frames_of(scratch_of(mechanism), repeat(mechanism.model), q)
+def frames_at(mechanism: Mechanism, q: Array, models: Iterable[pin.Model] | None = None) -> FrameStack:
+    """Compute poses of all frames and screws of all joints at q (T, nq).
 
-
-def frames_of(scratch: Scratch, models: Iterable[pin.Model], q: Array) -> FrameStack:
-    """Compute poses of frames and screws of joints at q (T, nq), in each row those of one of `models`."""
+    Each row may have a model of its own, of the same structure, one of `models`.
+    """
+    models = repeat(mechanism.model) if models is None else models
+    scratch = scratch_of(mechanism)
     placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
     screws = np.empty((len(q), *scratch.screws.shape))
     for k, (model, position) in enumerate(zip(models, q, strict=False)):
@@ -253,13 +253,15 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
     return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
 
 
-def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
-    return twists_of(scratch_of(mechanism), repeat(mechanism.model), q, v, a)
+def body_twists(
+    mechanism: Mechanism, q: Array, v: Array, a: Array, models: Iterable[pin.Model] | None = None
+) -> Array:
+    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv).
 
-
-def twists_of(scratch: Scratch, models: Iterable[pin.Model], q: Array, v: Array, a: Array) -> Array:
-    """Compute `body_twists` (2, T, bodies, 6), in each row those of one of `models`."""
+    Each row may have a model of its own, as in `frames_at`.
+    """
+    models = repeat(mechanism.model) if models is None else models
+    scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     # of pinocchio's functions this one leaves the twists of bodies at the base's origin in its memory
     for k, (model, *state) in enumerate(zip(models, q, v, a, strict=False)):

@@ -46,7 +46,8 @@ from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
-ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
+# smaller steps are rounding and are not taken: of sums of a dozen terms, at angles that are 1e-15 apart
+ROUNDING_STEP = 3e-14
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -106,7 +107,7 @@ class NewtonResult(NamedTuple):
 
     q: Array  # (T, nq) last iterates
     linearised: LinearisedLoops  # at q
-    closed: BoolArray  # (T,) whether the last step was below NEWTON_STEP
+    closed: BoolArray  # (T,) whether the last step was below `enough`
 
 
 def close_each(
@@ -116,6 +117,7 @@ def close_each(
     *,
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
+    enough: float = NEWTON_STEP,
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
@@ -128,6 +130,7 @@ def close_each(
         guess: (T, nq) configurations; the array is not changed.
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
+        enough: a step below it is the last one [rad, lengths of the robot].
     """
     columns = robot.following if x is None else robot.moving  # of the joints that move
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
@@ -138,7 +141,7 @@ def close_each(
     step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or step_size.max(initial=0.0) < NEWTON_STEP:
+        if iteration == iterations or step_size.max(initial=0.0) < enough:
             break
 
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
@@ -160,7 +163,7 @@ def close_each(
         q[live] = integrate_columns(robot, q[live], columns, steps * units)
 
     closed = np.zeros(len(q), dtype=bool)
-    closed[live] = step_size < NEWTON_STEP
+    closed[live] = step_size < enough
     if len(live) < len(q):  # the last `linearised` lacks the instants that were dropped
         linearised = linearised_at(robot, q, x)
     return NewtonResult(q, linearised, closed)

@@ -5,6 +5,11 @@ Every matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) consi
 J = dF/dq. P has the rows of the loops and the columns of the passive joints, and loses rank at Type 2
 singularities. The Type 1 matrix has all rows and the columns of actuated and passive joints.
 
+Overconstrained loops have R equations of rank m < R, of which no m suffice in all poses. Then the m equations
+are combinations U'F of all R, with an orthonormal basis U (R, m) of the range of their Jacobian J (see
+`loop_ranges`). Where F = 0 and J v = 0, derivatives of U drop out of all derivatives of U'F: within the range
+they only mix equations that hold, and outside of it they annihilate J.
+
 Functions from `scaled_loops` on return dimensionless matrices: rows (equations) and columns (joints) are in
 radians and lengths of the robot. So the singular values by which rank is judged do not depend on the unit of
 length.
@@ -12,7 +17,7 @@ length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,12 +26,13 @@ from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
+from framework.kinematics.loop_ranges import align_bases, oriented_bases
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.numerics.banded_lu import Factors
-from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import FILE_ROUNDING, RANK_LOST
+from framework.numerics.ordered_sums import matvec, singular_values
+from framework.tolerances import FILE_ROUNDING, LOOP_RATE, RANK_LOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +43,31 @@ class LinearisedLoops:
     frames: FrameStack  # of the robot at these configurations
     loops: LoopWrenches  # all loop equations of the robot, redundant ones included
     residual: Array  # (T, n + m) F [m or rad]
-    wrenches: Array  # (T, n + m, 6) of platform and independent loops, about the base's origin
+    wrenches: Array  # (T, n + R, 6) of platform and rows of the loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
+    combination: Array | None = None  # (T, R, m) by which equations are sums of R rows; None if R = m
+
+    @property
+    def bases(self) -> Array:
+        """Bases U of the ranges of the rows, (T, R, m) dimensionless; (T, 0, 0) if the rows are fixed."""
+        if self.combination is None:
+            return np.zeros((len(self.residual), 0, 0))
+        return self.combination * self.equations.span_scale[:, None]
+
+    def combine(self, values: Array) -> Array:
+        """Return the combinations (T, m) of values (T, R) of the loops' rows."""
+        return values if self.combination is None else np.vecmat(values, self.combination)
+
+    def combine_rows(self, rows: Array) -> Array:
+        """Return the rows (T, n + m, k) of the equations for those of platform and loops (T, n + R, k)."""
+        if self.combination is None:
+            return rows
+        n = self.equations.n
+        return np.concatenate([rows[:, :n], self.combination.swapaxes(1, 2) @ rows[:, n:]], axis=1)
+
+    def spread(self, multipliers: Array) -> Array:
+        """Return the multipliers (T, R) of all rows, of least norm, for those (T, m) of the equations."""
+        return multipliers if self.combination is None else np.matvec(self.combination, multipliers)
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
         """Return the equations at the configuration of index k (T = 1), or at several.
@@ -56,12 +85,20 @@ class LinearisedLoops:
             residual=self.residual[which],
             wrenches=self.wrenches[which],
             jacobian=self.jacobian[which],
+            combination=None if self.combination is None else self.combination[which],
         )
 
     @property
     def gap(self) -> Array:
         """Largest residual (T,) of all loop equations, redundant ones included [m or rad]."""
-        return np.abs(self.loops.residual).max(axis=1, initial=0.0)
+        return np.abs(self.solved_residual).max(axis=1, initial=0.0)
+
+    @property
+    def solved_residual(self) -> Array:
+        """Residuals (T, rows) of the loop equations that can hold: of combinations if some are rounded."""
+        if self.combination is None or self.combination.shape[1] <= self.loops.residual.shape[1]:
+            return self.loops.residual
+        return self.residual[:, self.equations.n :]  # rounded rows are among those combined
 
     @property
     def platform(self) -> Array:
@@ -110,29 +147,62 @@ class ClosedStack:
     linearised: LinearisedLoops  # at q and x
 
 
-def linearised_at(robot: ParallelRobot, q: Array, x: Array | None = None) -> LinearisedLoops:
+def linearised_at(
+    robot: ParallelRobot, q: Array, x: Array | None = None, *, bases: Array | None = None
+) -> LinearisedLoops:
     """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n).
 
     By default x is that of the platform at q, so that the platform's residual is zero.
+
+    Args:
+        bases: (T, R, m) or (R, m) bases of ranges nearby, to which those of the rows are aligned. By default
+            see `oriented_bases`.
     """
-    equations, independent, n = robot.equations, robot.structure.independent, robot.n
+    equations, structure, n = robot.equations, robot.structure, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
+    rows, needed = loops, structure.independent
+    if structure.varies:
+        rows, needed = loop_wrenches(robot.spanning_loops, frames), np.arange(len(structure.spanning))
 
     residual = np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
-    residual[:, n:] = loops.residual.take(independent, axis=1)
+    residual[:, n:] = rows.residual.take(needed, axis=1)
 
     wrenches = np.empty((*residual.shape, 6))  # each at the origin of its frame, `equations.bodies`
     wrenches[:, :n] = robot.platform.wrenches(frames)
-    wrenches[:, n:] = loops.wrench.take(independent, axis=1)
-    origins = frames.position.take(equations.bodies, axis=1)  # (T, n + m, 3)
+    wrenches[:, n:] = rows.wrench.take(needed, axis=1)
+    origins = frames.position.take(equations.bodies, axis=1)  # (T, n + R, 3)
     wrenches = move_wrench(wrenches, origins)  # now about the base's origin
 
     jacobian = equations.jacobian(wrenches, frames.screws)
-    freeze(jacobian)
-    return LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
+    linearised = LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
+    if structure.varies:
+        linearised = _combine_rows(robot, linearised, bases)
+    freeze(linearised.jacobian)
+    return linearised
+
+
+def _combine_rows(robot: ParallelRobot, all_rows: LinearisedLoops, bases: Array | None) -> LinearisedLoops:
+    """Replace the R rows by m combinations: the bases of their ranges, aligned to `bases` unless None."""
+    n, moving = robot.n, robot.moving
+    units = robot.column_scale[moving]
+    scale = robot.equations.span_scale
+    J = all_rows.closures[:, :, moving] * units / scale[:, None]  # (T, R, k) dimensionless
+    if bases is not None:
+        U = align_bases(J, bases)
+    else:
+        X = all_rows.platform[:, :, moving] * units / robot.platform_scale[:, None]
+        U = oriented_bases(J, X, robot.structure.row_space[moving], all_rows.frames.q)
+    combined = replace(all_rows, combination=U / scale[:, None])
+    return replace(
+        combined,
+        residual=np.concatenate(
+            [all_rows.residual[:, :n], combined.combine(all_rows.residual[:, n:])], axis=1
+        ),
+        jacobian=combined.combine_rows(all_rows.jacobian),
+    )
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
@@ -153,7 +223,9 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
     linearised = linearised_at(robot, q)
-    gaps = np.abs(linearised.loops.residual) / robot.row_lengths
+    gaps = np.abs(linearised.solved_residual)  # (T, rows), or (T, m) of dimensionless combinations
+    if gaps.shape[1] == len(robot.row_lengths):
+        gaps = gaps / robot.row_lengths
     if gaps.max(initial=0.0) > FILE_ROUNDING:
         worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
@@ -165,7 +237,23 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
-    return scale_jacobian(robot, linearised.closures, robot.loops.rotation)
+    return scale_jacobian(robot, linearised.closures, robot.loop_rotation)
+
+
+def require_closed_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, v: Array, name: str = "v"
+) -> None:
+    """Raise InvalidInput if joint rates v (T, nv) called `name` open the loops: J v must be rounding."""
+    speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
+    loop_rates = np.abs(matvec(scaled_loops(robot, linearised), speeds)).max(axis=1, initial=0.0)
+    opening_rows = np.flatnonzero(loop_rates > LOOP_RATE * np.abs(speeds).max(axis=1, initial=1.0))
+    if len(opening_rows):
+        first = opening_rows[0]
+        row = f", row {first}" if len(v) > 1 else ""
+        raise InvalidInput(
+            f"{name}{row}: the loops of {robot.name} open with {loop_rates[first]:.3g} rad/s or robot "
+            f"lengths/s; see `dynamics_at`"
+        )
 
 
 def moving_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

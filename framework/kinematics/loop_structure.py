@@ -28,8 +28,9 @@ from framework.kinematics.assembly import (
     largest_gap,
     nearby_configurations,
 )
-from framework.kinematics.closures import loop_equations, scale_jacobian
+from framework.kinematics.closures import loop_equations, scale_jacobian, scaled_equations
 from framework.kinematics.frames import frames_at
+from framework.kinematics.loop_ranges import row_space_basis
 from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.kinematics.platform import PlatformCoordinates
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
@@ -48,15 +49,30 @@ class LoopStructure(ReadOnlyArrays):
     spring_only_rows: Names  # names of equations that only springs can change
     idle: IntArray  # columns of passive joints that rest because their motion moves nothing
     row_sizes: Array  # (m,) divisors that bring the independent equations to unit size for rank decisions
+    spanning: IntArray  # (R,) ascending indices in `rows`, then `rounded`, of rows that suffice in all poses
+    span_sizes: Array  # (R,) divisors that bring them to unit size
+    row_space: Array  # (nv, m) see `row_space_basis`, at the reference along the moving joints
+
+    @property
+    def varies(self) -> bool:
+        """Whether no m fixed rows suffice in all poses: then m combinations of R rows are solved."""
+        return len(self.spanning) > len(self.independent)
 
     @staticmethod
-    def from_matrices(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Determine the structure from Jacobians at the reference and at nearby poses.
+    def from_matrices(
+        mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array], apart: Sequence[Array]
+    ) -> LoopStructure:
+        """Determine the structure from Jacobians at the reference, at nearby poses and at poses far apart.
+
+        A row is redundant in all poses if it follows from others by one combination, which then annihilates
+        the Jacobians of all poses side by side. If more rows than m are independent side by side, no m of
+        them suffice everywhere.
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
             matrices: dimensionless Jacobians (n + rows, nv) at the reference, then at nearby poses. The n
                 rows of the platform come first, then one row for each loop equation.
+            apart: dimensionless Jacobians (rows + rounded, nv) at the reference and at poses far apart.
         """
         at_reference = matrices[0]
         loops = at_reference[-len(mechanism.rows.names) :]  # without the rows of the platform
@@ -64,12 +80,28 @@ class LoopStructure(ReadOnlyArrays):
         independent = independent_rows(loops[:, joints])
         idle = find_idle_joints(at_reference[:, passive], passive)
         moving = np.setdiff1d(joints, idle)
+
+        spanning = independent
+        side_by_side = np.hstack([jacobian[:, joints] for jacobian in apart])  # (rows, poses joints)
+        # rounded rows differ from redundant ones by their rounding, in all poses
+        level = ROUNDED_ROW if mechanism.rounded.names else BRANCHES_MEET
+        needed = numerical_rank(side_by_side, level)
+        varies = needed > len(independent)
+        if varies:
+            spanning = choose_rows(side_by_side, needed)
+        rows = apart[0][spanning][:, moving]  # (R, moving) at the reference
+        span_sizes = _row_sizes(rows)
+        row_space = np.zeros((mechanism.nv, len(independent)))
+        row_space[moving] = row_space_basis(rows / span_sizes[:, None], len(independent))
         return LoopStructure(
             independent=independent,
             dropped=np.setdiff1d(np.arange(len(loops)), independent),
             spring_only_rows=find_spring_only_rows(mechanism, independent, matrices),
             idle=idle,
-            row_sizes=_row_sizes(loops[independent][:, moving]),
+            row_sizes=np.ones(len(independent)) if varies else span_sizes,
+            spanning=spanning,
+            span_sizes=span_sizes,
+            row_space=row_space,
         )
 
 
@@ -136,6 +168,17 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
         return passive
     motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
     return passive[choose_rows(motions.T, len(motions))]
+
+
+def jacobians_apart(mechanism: Mechanism, reference: Array, *, distance: float = 0.5) -> list[Array]:
+    """Compute dimensionless Jacobians (rows + rounded, nv) of the loops at the reference and poses apart.
+
+    Poses about 0.5 rad or lengths apart tell combinations of rows that change from pose to pose, also to
+    third order only, from those that rounded dimensions leave.
+    """
+    rows = mechanism.rows.append(mechanism.rounded)
+    poses = [reference, *nearby_configurations(mechanism, reference, distance=distance)]
+    return list(scaled_equations(mechanism, rows, frames_at(mechanism, np.stack(poses))).jacobian)
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:

@@ -26,6 +26,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
+from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import singular_values
@@ -72,6 +73,7 @@ def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
 class ModeStates(NamedTuple):
     """Quantities of T configurations that tell whether two of them share a working mode."""
 
+    bases: Array  # (T, R, m) of the ranges of the loops' rows, to which signs refer; (T, 0, 0) if R = m
     loops: Array  # (T, m, k) dimensionless Jacobian of the loops along the k moving joints
     signs: Array  # (T, legs) of the legs' determinants; 0 if dF/dq is singular to the last bit
     logarithms: Array  # (T, legs) of the sizes of these determinants
@@ -87,7 +89,7 @@ class ModeStates(NamedTuple):
         rates = np.zeros((len(signs), len(robot.moving), robot.n))
         solution = linearised.select(regular).factors.solve(unit_twists)  # (n, regular, k)
         rates[regular] = (solution / robot.column_scale[robot.moving]).transpose(1, 2, 0)
-        return ModeStates(moving_loops(robot, linearised), signs, logarithms, rates)
+        return ModeStates(linearised.bases, moving_loops(robot, linearised), signs, logarithms, rates)
 
 
 def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
@@ -113,7 +115,8 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
     shared: BoolArray = np.all(starts.signs * ends.signs, axis=1)
     regular = np.flatnonzero(shared)
     shared[regular] = _continues_map(starts.rates[regular], ends.rates[regular])
-    keeps = keeps_sign((starts.signs, starts.logarithms), (ends.signs, ends.logarithms)).all(axis=1)
+    end_signs = ends.signs * relative_orientation(starts.bases, ends.bases)[:, None]
+    keeps = keeps_sign((starts.signs, starts.logarithms), (end_signs, ends.logarithms)).all(axis=1)
     for k in np.flatnonzero(shared & ~keeps).tolist():
         # singular values change by no more than the matrix does (Weyl), so a larger one has not vanished
         change = np.linalg.norm(ends.loops[k] - starts.loops[k])
@@ -145,7 +148,7 @@ class Leg(ReadOnlyArrays):
 
     motors: Names  # names of its actuators; empty for joints that only follow
     rows: IntArray  # (k,) indices of its equations in F
-    columns: IntArray  # (k,) its joints, as indices into the `moving` columns: actuated, then passive
+    columns: IntArray  # (k,) its joints, as indices into the columns that move: actuated, then passive
     needed: IntArray  # (j,) joints of the legs that have to be solved earlier, as indices like `columns`
     twists: IntArray  # (f,) indices of the platform's twists that determine all these joints
 
@@ -163,27 +166,42 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
         InvalidInput: the platform does not determine the joints.
     """
     require_square(robot)
-    pattern = robot.equations.pattern[:, robot.moving]  # (n + m, columns)
-    row_of = _match_rows(pattern)  # (columns,) an equation for each column
-    # which columns a column needs, directly or through others: no chain of needs is longer than `columns`
-    needs = np.linalg.matrix_power(pattern[row_of] | np.eye(len(row_of), dtype=bool), len(row_of))
+    if _match_rows(robot.equations.pattern[:, robot.moving]) is None:
+        raise InvalidInput("the platform does not determine the joints")
+    return split_legs(robot, np.arange(len(robot.equations.pattern)), robot.moving)
+
+
+def split_legs(robot: ParallelRobot, rows: IntArray, columns: IntArray) -> tuple[Leg, ...]:
+    """Split equations of F, indices `rows` (r,), and `columns` (k,) of joints into legs, motors first.
+
+    Equations that are not square, or that do not determine the joints in any pose, are split into groups that
+    share no joint. The columns of a leg are indices into `columns`.
+    """
+    pattern = robot.equations.pattern[rows][:, columns]  # (r, k)
+    row_of = _match_rows(pattern)  # (k,) an equation for each column
+    linked = pattern.T @ pattern if row_of is None else pattern[row_of]  # (k, k)
+    # which columns a column needs, directly or through others: no chain of needs is longer than k
+    needs = np.linalg.matrix_power(linked | np.eye(len(columns), dtype=bool), len(columns))
     is_one_leg = needs & needs.T  # the irreducible blocks: columns that need each other
+    names = dict(zip(robot.actuated.tolist(), robot.actuator_names, strict=True))
     all_legs = []
     for k in np.unique(is_one_leg.argmax(axis=1)):  # the first column of each leg; those of motors come first
-        columns = np.flatnonzero(is_one_leg[k])
-        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed = np.flatnonzero(needs[k] & ~is_one_leg[k])
-        all_rows = np.sort(row_of[needs[k]])
+        own = is_one_leg[k]
+        motors = tuple(names[column] for column in columns[own].tolist() if column in names)
+        own_rows, all_rows = (
+            rows[pattern[:, group].any(axis=1) if row_of is None else np.sort(row_of[group])]
+            for group in (own, needs[k])
+        )
         twists = all_rows[all_rows < robot.n]  # the rows of the platform come first
-        all_legs.append(Leg(motors, np.sort(row_of[columns]), columns, needed, twists))
+        needed = np.flatnonzero(needs[k] & ~own)
+        all_legs.append(Leg(motors, own_rows, np.flatnonzero(own), needed, twists))
     return tuple(all_legs)
 
 
-def _match_rows(pattern: BoolArray) -> IntArray:
+def _match_rows(pattern: BoolArray) -> IntArray | None:
     """Find rows (k,) of a pattern (k, k), one for each column, each once, by augmenting paths.
 
-    Raises:
-        InvalidInput: there are none, so all matrices with this pattern are singular.
+    None if the pattern is not square, or if all matrices with this pattern are singular.
     """
     column_of = dict[int, int]()  # by row
 
@@ -197,8 +215,9 @@ def _match_rows(pattern: BoolArray) -> IntArray:
                     return True
         return False
 
-    if not all(match(column, set()) for column in range(len(pattern))):
-        raise InvalidInput("the platform does not determine the joints")
+    rows, columns = pattern.shape
+    if rows != columns or not all(match(column, set()) for column in range(columns)):
+        return None
     return np.array(sorted(column_of, key=column_of.__getitem__), dtype=np.intp)
 
 

@@ -59,6 +59,19 @@ class Motion:
         """Return the same motion under external wrenches."""
         return replace(self, wrenches=wrenches) if wrenches else self
 
+    def select(self, which: slice) -> Motion:
+        """Return the motion at the instants `which`."""
+        wrenches = tuple(
+            wrench._replace(
+                wrench=wrench.wrench[which],
+                generalised=wrench.generalised[which],
+                origin=wrench.origin[which],
+            )
+            for wrench in self.wrenches
+        )
+        linearised = self.linearised.select(which)
+        return Motion(self.q[which], self.v[which], self.a[which], linearised, wrenches)
+
 
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
@@ -180,7 +193,7 @@ def _motion_of_twist(
         v = turns.add_turns(v)
 
     motions = frame_motions(robot, linearised.frames, v)
-    drift = closure_drift(robot.loops, motions)
+    drift = linearised.combine(closure_drift(robot.spanning_loops, motions))
     right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
     a = solve_rates(robot, linearised, right, ddq_e)
     if turns is not None:
@@ -213,7 +226,8 @@ def jacobian_rates(
     first = dW @ S_0 + linearised.wrenches @ S_1
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
-    return first * robot.equations.signs, second * robot.equations.signs
+    signs = robot.equations.signs
+    return linearised.combine_rows(first * signs), linearised.combine_rows(second * signs)
 
 
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
@@ -229,7 +243,9 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
     """
     c, dc, ddc = motions.rates  # (T, F, 4, 3) each
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
-    first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
+    first, second, at_rates = wrench_changes(
+        robot.spanning_loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc])
+    )
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.stack([first, second])
     return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)

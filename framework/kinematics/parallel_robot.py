@@ -7,7 +7,7 @@ depends on q. A column is an index into pinocchio's velocity vector (nv,).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -19,6 +19,7 @@ from framework.kinematics.frames import frames_at, scratch_of
 from framework.kinematics.loop_structure import (
     LoopStructure,
     assemble_mechanism,
+    jacobians_apart,
     motion_matrix,
     refuse_singular_reference,
 )
@@ -71,9 +72,9 @@ class ParallelRobot(Mechanism):
 
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
         refuse_singular_reference(mechanism, passive, poses, matrices)
-        structure = LoopStructure.from_matrices(mechanism, passive, matrices)
+        apart = jacobians_apart(mechanism, closed.q)
+        structure = LoopStructure.from_matrices(mechanism, passive, matrices, apart)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
-        loops = mechanism.rows.take(structure.independent)
 
         return cls(
             **vars(Mechanism.of(mechanism)),
@@ -86,7 +87,7 @@ class ParallelRobot(Mechanism):
                 closed.q, platform.coordinates(frames)[0], closed.residual, closed.iterations
             ),
             structure=structure,
-            equations=Equations.of(mechanism, platform, loops, moving, len(actuated)),
+            equations=Equations.of(mechanism, platform, structure, moving, len(actuated)),
         )
 
     @property
@@ -114,6 +115,16 @@ class ParallelRobot(Mechanism):
     def loops(self) -> LoopRows:
         """The independent loop equations."""
         return self.equations.loops
+
+    @property
+    def spanning_loops(self) -> LoopRows:
+        """The R loop equations whose combinations are solved; `loops` if R = m."""
+        return self.equations.spanning
+
+    @property
+    def loop_rotation(self) -> BoolArray:
+        """Whether each independent equation has no unit of length (m,), such as combinations of rows."""
+        return self.loops.rotation | self.structure.varies
 
     @property
     def moving(self) -> IntArray:
@@ -182,13 +193,27 @@ class ParallelRobot(Mechanism):
     @property
     def loop_lengths(self) -> Array:
         """Size of the independent loop equations, (m,): length of the robot [m], 1 for rotations."""
-        return self.row_lengths[self.structure.independent]
+        return np.where(self.loop_rotation, 1.0, self.length)
 
     @cached_property
     def passive_scale(self) -> Array:
         """Factors (m, n_p) that make the passive columns of the loop equations dimensionless."""
         row_scale = self.loop_lengths * self.structure.row_sizes
         return read_only(self.column_scale[self.following] / row_scale[:, None])
+
+    def with_fixed_rows(self, rows: IntArray) -> Self:
+        """Return the robot with loop equations at indices `rows` (k,) of `rows`, in place of combinations."""
+        if not self.structure.varies:
+            return self
+        structure = replace(
+            self.structure,
+            independent=rows,
+            spanning=rows,
+            row_sizes=np.ones(len(rows)),
+            span_sizes=np.ones(len(rows)),
+        )
+        equations = Equations.of(self, self.platform, structure, self.moving, self.n_a)
+        return replace(self, structure=structure, equations=equations)
 
     def actuated_coordinates(self, q: Array) -> Array:
         """Return the motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
@@ -214,53 +239,68 @@ def expect_robot(robot: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Equations(ReadOnlyArrays):
-    """The n + m equations F = [platform - x ; closures], with the sparsity pattern of dF/dq."""
+    """The n + m equations F = [platform - x ; closures], with the sparsity pattern of dF/dq.
+
+    The closures are the R spanning rows if R = m, else m combinations of these that depend on q.
+    """
 
     loops: LoopRows  # the m independent ones
-    bodies: IntArray  # (n + m,) frame at whose origin each equation's wrench acts, index into `frames`
+    bodies: IntArray  # (n + R,) frame at whose origin each row's wrench acts, index into `frames`
     n: int  # number of the platform's equations, which come first
-    signs: Array  # (n + m, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
-    couplings: Array  # (n + m, nv) derivatives of the couplings between joints; 0 in other rows
+    signs: Array  # (n + R, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
+    couplings: Array  # (n + R, nv) derivatives of the couplings between joints; 0 in other rows
     pattern: BoolArray  # (n + m, nv) whether an entry of dF/dq can differ from zero
     columns: IntArray  # of the joints that x and q_e determine: actuated, then passive
     moving_part: SquarePart | None  # all rows, `columns`; None if the part is not square
     passive_part: SquarePart | None  # rows of the loops, passive `columns`; None if not square
+    spanning: LoopRows  # the R rows whose combinations are solved; `loops` if R = m
+    span_scale: Array  # (R,) divisors that make these rows dimensionless and of unit size
 
     @staticmethod
     def of(
-        mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
+        mechanism: Mechanism,
+        platform: PlatformCoordinates,
+        structure: LoopStructure,
+        columns: IntArray,
+        n_a: int,
     ) -> Equations:
         """Make the table of the equations and of the sparsity of their Jacobian.
 
         Args:
-            loops: the m independent loop equations.
+            structure: which loop equations are independent.
             columns: columns (k,) of the moving joints, those of the n_a motors first.
             n_a: number of motors.
         """
+        rows = mechanism.rows.append(mechanism.rounded).take(structure.spanning)
         carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
         n = platform.n
         carries_platform = carried[0]  # the platform is frame 0
-        signs = np.concatenate([platform.joint_incidence(carries_platform), loops.joint_signs(carried)])
+        signs = np.concatenate([platform.joint_incidence(carries_platform), rows.joint_signs(carried)])
         couplings = np.zeros_like(signs)
-        couplings[n:] = loops.coupling_jacobian(mechanism.nv)
+        couplings[n:] = rows.coupling_jacobian(mechanism.nv)
         pattern = (signs != 0.0) | (couplings != 0.0)
-        rows = np.arange(len(signs))
+        if structure.varies:  # a combination may have an entry wherever a row has one
+            combination = np.repeat(pattern[n:].any(axis=0)[None], len(structure.independent), axis=0)
+            pattern = np.concatenate([pattern[:n], combination])
+        equations = np.arange(len(pattern))
         return Equations(
-            loops=loops,
-            bodies=np.pad(loops.second, (n, 0)),  # n zeros first, for the platform
+            loops=mechanism.rows.take(structure.independent),
+            bodies=np.pad(rows.second, (n, 0)),  # n zeros first, for the platform
             n=n,
             signs=signs,
             couplings=couplings,
             pattern=pattern,
             columns=columns,
-            moving_part=SquarePart.of(pattern, rows, columns),
-            passive_part=SquarePart.of(pattern, rows[n:], columns[n_a:]),
+            moving_part=SquarePart.of(pattern, equations, columns),
+            passive_part=SquarePart.of(pattern, equations[n:], columns[n_a:]),
+            spanning=rows,
+            span_scale=np.where(rows.rotation, 1.0, mechanism.length) * structure.span_sizes,
         )
 
     def jacobian(self, wrenches: Array, screws: Array) -> Array:
-        """Compute dF/dq (T, n + m, nv): the powers of the equations' wrenches on the joints' screws.
+        """Compute the Jacobian (T, n + R, nv): the powers of the rows' wrenches on the joints' screws.
 
-        Wrenches (T, n + m, 6) and screws (T, nv, 6) refer to the base's origin.
+        Wrenches (T, n + R, 6) and screws (T, nv, 6) refer to the base's origin.
         """
         return (wrenches @ screws.swapaxes(1, 2)) * self.signs + self.couplings
 

@@ -135,6 +135,10 @@ class Coordinates:
         """Return the name of one column."""
         return self.names[column]
 
+    def turn_name(self, column: SupportsIndex) -> str:
+        """Return the name of the coordinate nearest to the axis of a column, another one on some balls."""
+        return self.names[int(np.abs(file_axes(self.model)[:, column]).argmax())]
+
     def positions(self, q: Array) -> Array:
         """Compute joint positions (T, nv) [rad, m] at q (T, nq), as rotation vectors for balls."""
         model = self.model

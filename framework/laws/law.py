@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.errors import InvalidInput, check_order
+from framework.errors import InvalidInput, check_order, real_numbers
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
@@ -53,7 +53,7 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
     Raises:
         InvalidInput: t is not finite, or outside [0, duration].
     """
-    x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
+    x = real_numbers("t", t) * (2.0 / duration) - 1.0
     if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
     return np.clip(x, -1.0, 1.0)

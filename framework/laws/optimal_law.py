@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from framework.errors import InvalidInput, check_order
+from framework.errors import InvalidInput, check_order, real_numbers
 from framework.laws.law import MotionLaw, PlannedLaw, compose_derivatives, least_value, normalise_time
 from framework.laws.path import HIGHEST_ORDER
 from framework.laws.squared_speed import (
@@ -198,7 +198,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], or is not finite.
         """
         normalise_time(t, self.duration)  # refuses t outside [0, duration]
-        times = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        times = np.clip(real_numbers("t", t), 0.0, self.duration)
         return _invert_time(self, times.tobytes()).reshape(times.shape)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:

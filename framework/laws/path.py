@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from framework.errors import InvalidInput, check_order, expect_call
+from framework.errors import InvalidInput, check_order, expect_call, real_numbers
 from framework.laws.law import compose_derivatives
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import gauss_legendre
@@ -52,8 +52,8 @@ def check_points(points: Any, least: int, kind: str) -> Array:
         InvalidInput: no path can pass through the points.
     """
     try:
-        array = np.array(points, dtype=float)
-    except (TypeError, ValueError):
+        array = real_numbers("points", points).copy()
+    except InvalidInput:
         raise InvalidInput(f"{kind}: points must be lists of numbers of one length, got {points!r}") from None
     if array.ndim != 2 or array.shape[0] < least or array.shape[1] < 1:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
@@ -86,7 +86,7 @@ class PointPath(ReadOnlyArrays):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative of an `order` in s; s of any shape (...) gives (..., n)."""
         check_order(order)
-        s_values = np.asarray(s, dtype=float)
+        s_values = real_numbers("s", s)
         values = self._evaluate(s_values.reshape(-1), order)
         return values.reshape(*s_values.shape, values.shape[1])
 
@@ -248,7 +248,7 @@ def _test_intervals(path: Path, *, difference_intervals: int = 9) -> tuple[Array
 
     Each panel, between two knots or ends of the path, has `difference_intervals` at equal distances.
     """
-    knots = np.asarray(path.knots, dtype=float)
+    knots = real_numbers("path: knots", path.knots)
     edges = np.concatenate(([0.0], knots, [1.0]))
     widths = np.diff(edges) / difference_intervals  # (panels,)
     if not np.all(widths > 0):
@@ -261,7 +261,7 @@ def _test_intervals(path: Path, *, difference_intervals: int = 9) -> tuple[Array
 
 def _evaluate_path(path: Path, s: Array, order: int) -> Array:
     """Evaluate path(s, order) as an array (T, n) of finite numbers."""
-    values = np.asarray(path(s, order), dtype=float)
+    values = real_numbers("path(s)", path(s, order))
     if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):
         raise InvalidInput(
             f"path: path(s, {order}) must give {path.n} finite numbers for each s, shape "

@@ -30,8 +30,14 @@ MAX_XML_ELEMENTS = 200_000
 MAX_YAML_VALUES = 20_000  # with aliases expanded
 MAX_YAML_CHARACTERS = 25 * MAX_YAML_VALUES
 # patterns that mend XML which other parsers accept
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)  # one without an end is sought once
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])")  # of an element or attribute
+# what is no XML before a program has filled it in, by a mark that no XML has
+_TEMPLATES = {
+    "<%": "a template of ERB: fill it in first: erb FILE > OUT",
+    "{%": "a template of Jinja: render it first, and give the result",
+}
+_DECLARED = re.compile(r"xmlns:([\w.-]+)")
 _TAG = re.compile(r"<[A-Za-z_][\w.:-]*")  # the first match begins the root element
 
 
@@ -68,12 +74,17 @@ def parse_xml(text: str) -> Element:
         try:  # again, without the faults that other parsers accept
             return _build_tree(_mend_xml(text))
         except (ParseError, ValueError):  # also a RobotFileError, which the faults have hidden so far
-            raise RobotFileError(f"not well-formed XML: {error}") from None
+            template = next((words for mark, words in _TEMPLATES.items() if mark in text), "")
+            raise RobotFileError(template or f"not well-formed XML: {error}") from None
 
 
 def _build_tree(text: str) -> Element:
-    """Parse well-formed XML within the limits of `_Builder`."""
-    return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+    """Parse well-formed XML within the limits of `_Builder`; drop the namespace of the root."""
+    root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+    namespace, brace, _ = root.tag.rpartition("}")
+    for element in root.iter() if brace else ():
+        element.tag = element.tag.removeprefix(namespace + brace)
+    return root
 
 
 def _mend_xml(text: str) -> str:
@@ -83,7 +94,7 @@ def _mend_xml(text: str) -> str:
     """
     text = erase_matches(_COMMENT, text)
     prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
-    undeclared = [name for name in sorted(prefixes) if f"xmlns:{name}" not in text]
+    undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
     declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
     return _TAG.sub(lambda tag: tag[0] + declarations, text, count=1)  # into the root element
 
@@ -229,7 +240,7 @@ def check_parts(element: Element, where: str, children: Collection[str], attribu
         if tags.count(tag) > 1:
             raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
-        if nearest(attribute, attributes):  # valid, which `check_name` accepts, or similar to a valid one
+        if attribute not in attributes and nearest(attribute, attributes):
             check_name(where, "attribute", attribute, attributes)
 
 

@@ -147,6 +147,16 @@ class LoopRows(ReadOnlyArrays):
         jacobian[rows, b] = -self.ratio[rows]
         return jacobian
 
+    def append(self, other: LoopRows) -> LoopRows:
+        """Return these rows and then the `other` ones."""
+        if not other.names:
+            return self
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            mine, others = getattr(self, field.name), getattr(other, field.name)
+            values[field.name] = mine + others if isinstance(mine, tuple) else np.concatenate([mine, others])
+        return LoopRows(**values)
+
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the `rows` at indices (k,)."""
         names, *columns = (getattr(self, field.name) for field in fields(self))

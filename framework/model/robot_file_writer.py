@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -11,7 +12,7 @@ from xml.etree.ElementTree import fromstring, indent, tostring
 
 import yaml
 
-from framework.errors import OutputError, RobotFileError
+from framework.errors import InvalidInput, OutputError, RobotFileError
 from framework.model.description import (
     Closure,
     JointDynamics,
@@ -23,19 +24,25 @@ from framework.model.description import (
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
+from framework.numerics.input import read_text
 from framework.numerics.output import Document, written_together
 
 
 def write_robot_file(
-    description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
+    description: RobotDescription,
+    folder: str | Path,
+    *,
+    comments: Iterable[str] = (),
+    overwrite: bool = False,
 ) -> Path:
     """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
 
     The two files move into the folder only if they can be read back. Each of the `comments` becomes a line at
-    the top of the YAML.
+    the top of the YAML. So does a hash of both files, by which edited ones are recognised.
 
     Raises:
-        OutputError: the folder cannot be written, or a file would overwrite the one that was read.
+        OutputError: the folder cannot be written; a file would overwrite the one that was read or, without
+            `overwrite`, one that is edited or of another origin.
         RobotFileError: the files cannot be read back; the folder is unchanged.
     """
     out = Path(folder)
@@ -45,17 +52,42 @@ def write_robot_file(
         target = out / f"{name}{suffix}"
         if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
             raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
+    if not overwrite:
+        _check_unedited(out / f"{name}.yaml")
     with written_together(out) as temporary:
         urdf_text = _relocate_meshes(description.urdf_text, source.parent, out)
         (temporary / f"{name}.urdf").write_text(urdf_text, encoding="utf-8")
         written = temporary / f"{name}.yaml"
-        written.write_text(_yaml_text(description, comments), encoding="utf-8")
+        text = _yaml_text(description, comments)
+        written.write_text(f"{_seal(text, urdf_text)}\n{text}", encoding="utf-8")
         try:
             read_robot_file(written)
         except RobotFileError as error:
             message = str(error).removeprefix(f"{written}: ").replace(str(temporary), str(out))
             raise RobotFileError(f"{source}: cannot become a robot file: {message}") from None
     return out / f"{name}.yaml"
+
+
+def _seal(text: str, urdf_text: str) -> str:
+    """Return the comment with the hash of a robot file's text, without the comment, and of its URDF's."""
+    return f"# Generated; hash {hashlib.sha256(f'{text}{urdf_text}'.encode()).hexdigest()[:16]}."
+
+
+def _check_unedited(file: Path) -> None:
+    """Refuse to overwrite a robot file, or the URDF of its name, unless both are as they were generated."""
+    urdf = file.with_suffix(".urdf")
+    present = [path for path in (file, urdf) if os.path.lexists(path)]
+    if not present:
+        return
+    try:
+        seal, _, text = read_text(file, "").partition("\n")
+        is_unedited = seal == _seal(text, read_text(urdf, ""))
+    except InvalidInput:
+        is_unedited = False
+    if not is_unedited:
+        raise OutputError(
+            f"--out: {present[0]} is edited, or not of this program; give another folder, or --overwrite"
+        )
 
 
 def record_entry(record: Any) -> Document:

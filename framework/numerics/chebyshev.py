@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 
-from framework.errors import InvalidInput, check_order
+from framework.errors import InvalidInput, check_order, real_numbers
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
@@ -175,7 +175,7 @@ class TimeFunction(ReadOnlyArrays):
             InvalidInput: t lies outside the interval, or is not finite.
         """
         check_order(order)
-        times = np.asarray(t, dtype=float)
+        times = real_numbers("t", t)
         start, end = self.edges[0], self.edges[-1]
         slack = SAME_PLACE * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array
+from framework.numerics.sparse_rows import rows_of_entries
 from framework.numerics.time_limit import check_time
 
 # regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
@@ -181,9 +182,9 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
         offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())  # row by row
         for k, rows in enumerate(members):
             for name, matrix in rows.parts.items():
-                part = matrix.tocoo()
-                row = group_start + len(members) * part.row + k
-                column = program.columns[name].start + part.col
+                part = matrix.tocsr()
+                row = group_start + len(members) * rows_of_entries(part) + k
+                column = program.columns[name].start + part.indices
                 entries.append((part.data, row, column))
         group_start += len(offsets[-1])
     data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))

@@ -6,8 +6,11 @@ refused before they are read.
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 from framework.errors import InvalidInput
@@ -46,6 +49,23 @@ def read_text(
     except OSError as problem:
         reason = problem.strerror or str(problem)
     raise error(f"{complaint}: {reason}")
+
+
+def csv_rows(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number in which each row of a CSV text ends, and its cells; skip empty lines.
+
+    Raises:
+        InvalidInput: the text is no CSV, such as a quote that does not end; `where` names the file.
+    """
+    reader = csv.reader(io.StringIO(text))
+    line = 0
+    try:
+        for cells in reader:
+            line = reader.line_num
+            if cells:
+                yield line, cells
+    except csv.Error as error:
+        raise InvalidInput(f"{where}: line {line + 1}: not a row of CSV: {error}") from None
 
 
 class _UnreadableFile(OSError):

@@ -20,7 +20,8 @@ from framework.numerics.input import read_text
 from framework.numerics.interruption import defer_signals
 
 # those on which the last bit of results depends
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
+PROGRAM = "parallel-singularity-crossing"  # in pages, pictures and models, as their generator
+PACKAGES = (PROGRAM, "pin", "numpy", "scipy")
 
 Document = dict[str, Any]  # a JSON object, or what becomes one
 UNFINISHED = ".crossing-unfinished-"  # prefix of names of temporary folders, which this program may remove
@@ -183,16 +184,20 @@ def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray)
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
-def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
+def write_file(file: Path, content: str | bytes, *, option: str = "--html", overwrite: bool = False) -> None:
     """Write one complete file; if this fails, an existing file stays unchanged.
+
+    A file is this program's if it names PROGRAM or, of formats without a place for that, begins alike.
 
     Args:
         content: bytes, or a text that is written in UTF-8. Characters without UTF-8 encoding, as in paths
             that are not UTF-8, become question marks.
         option: command-line option that is named in complaints.
+        overwrite: whether a file of another origin is replaced, too.
 
     Raises:
-        OutputError: the file cannot be written, or its name belongs to something else than a file.
+        OutputError: the file cannot be written, its name belongs to something else than a file, or the file
+            has another origin and is not to be overwritten.
     """
     try:
         target = Path(os.path.realpath(file))  # a link stays; the file to which it points is replaced
@@ -201,6 +206,12 @@ def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> N
     if os.path.lexists(target) and not os.path.isfile(target):
         raise OutputError(f"{option}: cannot write {file}: not a regular file")
     data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
+    old = b"" if overwrite or not os.path.isfile(target) else target.read_bytes()
+    mark = PROGRAM.encode()
+    if old and (mark not in old if mark in data else old[:24] != data[:24]):
+        raise OutputError(
+            f"{option}: {file} is there already, and not of this program; give another name, or --overwrite"
+        )
     with written_together(target.parent, option=option, file=file) as temporary:
         (temporary / target.name).write_bytes(data)
 

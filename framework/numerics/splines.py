@@ -48,7 +48,10 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
         else:  # derivatives of both shares
             to_same = p / (end - start)
             to_previous = -to_same
-        values = np.pad(values * to_previous, ((0, 0), (0, 1))) + np.pad(values * to_same, ((0, 0), (1, 0)))
+        raised = np.zeros((len(x), p + 1))
+        raised[:, :-1] = values * to_previous
+        raised[:, 1:] += values * to_same
+        values = raised
     return values
 
 

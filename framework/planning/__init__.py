@@ -5,6 +5,7 @@ Open `plan` first: `plan_crossing` in four steps.
     1. options, request          the declaration of all options, and the checked record of one request
     2. crossing_points           the points of the path where condition (8) is to hold
        condition                 condition (8) there: alpha s" + beta s'^2 + gamma + delta s' = 0
+       crossing_tracker          the same points of the deflected robot, followed from pass to pass
     3. polynomial                the paper's law: one polynomial, with times and speeds of its crossings
        optimal/                  the law of free shape: the cone program
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate

@@ -13,23 +13,20 @@ the coefficients, as in toppra. Only viscous damping and changing deflections co
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at, type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import least_controlled_motion, sign_along, uncontrolled_motion
+from framework.singularity.type2 import sign_along, uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 Speed = TypeVar("Speed", float, Array)
@@ -62,85 +59,19 @@ class Condition8(NamedTuple):
 
 
 class Deflection(NamedTuple):
-    """The deflections and their first two time derivatives at one instant."""
+    """The deflections and their first two time derivatives at one instant, or at k."""
 
-    value: Array  # (n_e,) [m, rad]
+    value: Array  # (n_e,) [m, rad], or (k, n_e)
     rate: Array  # (n_e,) [m/s, rad/s]
     acceleration: Array  # (n_e,) [m/s^2, rad/s^2]
 
     @staticmethod
-    def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:
-        """Evaluate deflections(t, order) and two derivatives, each (n_e,), at a time [s]."""
+    def evaluate(deflections: Callable[[Any, int], Array], time: float | Array) -> Deflection:
+        """Evaluate deflections(t, order) and two derivatives, each (..., n_e), at a time or times [s]."""
         return Deflection(*(deflections(time, order) for order in range(3)))
 
 
-class CrossingPoint(NamedTuple):
-    """A point of the path where condition (8) is to hold, of the deflected or the undeformed robot."""
-
-    s: float  # path coordinate
-    kind: str  # of the singularity, such as "type_2"
-    twist: Array  # (n,) t_s, pointing along the path
-    motion: Array  # (nv,) joint rates of t_s with locked motors
-    q: Array  # (nq,) configuration
-    corank: int = 1  # number of motions that escape at once; `motion` is one of them
-    touches: bool = False  # whether the path touches the locus without crossing it
-
-
-def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoint:
-    """Return the crossing point at a singular point of the undeformed robot, or at an imposed point."""
-    if isinstance(singular, CrossingPoint):  # imposed by the user
-        return singular
-    touches = singular.contact == "tangential"
-    return CrossingPoint(
-        singular.s,
-        singular.kind,
-        singular.twist,
-        singular.motion,
-        singular.q,
-        corank=singular.corank,
-        touches=touches,
-    )
-
-
-def crossing_point(
-    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
-) -> CrossingPoint:
-    """Find the singular point of the deflected robot near `s_guess` on the path.
-
-    A point imposed by the user is returned unchanged; so is the point of a robot without deflections.
-
-    Args:
-        branch: poses of the undeformed robot along the path.
-        singular: the singular point of the undeformed robot, or a point imposed by the user.
-        deflection: deflections of the springs; None without.
-        s_guess: path coordinate at which the search begins.
-
-    Raises:
-        NoLaw: the deflected robot has no singular point there.
-    """
-    if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
-        return undeformed_crossing(singular)
-    robot = branch.robot
-    spring_step = np.zeros((1, robot.nv))  # from springs at rest to the deflections
-    spring_step[:, robot.elastic] = deflection.value
-
-    def close(s: Array) -> ClosedStack:
-        """Close the loops of the deflected robot at s (k,), from the poses of the undeformed one."""
-        guess = integrate(robot, branch.guess(s), np.repeat(spring_step, len(s), axis=0))
-        return close_loops(robot, branch.path(s), guess)
-
-    root = root_of_g(lambda s: type2_matrix(robot, close(s).linearised), s_guess)
-    if not root.converged:
-        raise NoLaw(
-            f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the "
-            f"deflections are too large for the path to cross the locus there"
-        )
-    closed = close(np.array([root.place]))
-    twist, motion = least_controlled_motion(robot, closed.linearised)
-    return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
-
-
-def imposed_point(branch: Branch, s: float) -> CrossingPoint:
+def imposed_point(branch: Branch, s: float) -> SingularPoint:
     """Return the point at s where the user imposes condition (8).
 
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
@@ -148,25 +79,21 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     """
     closed = branch.close(s)
     kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)  # kind of singularity
-    return _orient_along_path(branch, s, closed, twist, motion, kind)
-
-
-def _orient_along_path(
-    branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
-) -> CrossingPoint:
-    """Return the crossing point at s, with twist t_s and its joint rates signed along the path.
-
-    Args:
-        closed: the one pose at s.
-        twist: t_s (n,), of either sign.
-        motion: joint rates (nv,) of t_s, of the same sign.
-        kind: of the singularity, as a field of `CrossingPoint`.
-    """
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
-    return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
+    return SingularPoint(
+        s=s,
+        kind=kind,
+        contact="imposed",
+        corank=1,
+        twist=sign * twist,
+        platform=closed.x[0],
+        slope=np.nan,
+        motion=sign * motion,
+        pose=closed.linearised,
+    )
 
 
-def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def condition_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8); refuse a condition that s" cannot meet.
 
     Args:
@@ -177,17 +104,18 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
         NoLaw: s" has no effect on t_s . W_p, so that no law can meet the condition.
         NotConverged: s" has no effect with these deflections.
     """
-    return require_effect(branch, crossing, coefficients_at(branch, crossing, deflection), deflection)
+    condition = coefficients_at(branch, crossing, deflection)
+    return require_effect(branch, crossing, condition, deflected=deflection is not None)
 
 
 def require_effect(
-    branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
+    branch: Branch, crossing: SingularPoint, condition: Condition8, *, deflected: bool
 ) -> Condition8:
     """Return a condition (8) unchanged; refuse a condition that no s" meets.
 
     Args:
         crossing: the point at which the condition holds.
-        deflection: deflections for which the condition was computed; None without.
+        deflected: whether the condition was computed with deflections.
 
     Raises:
         NoLaw: s" has no effect on t_s . W_p (alpha = 0), so that no law can meet the condition.
@@ -198,7 +126,7 @@ def require_effect(
         return condition
     axes, x = ", ".join(robot.axis_names), point(branch.path(crossing.s))
     where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {x}"
-    if deflection is not None and robot.n_e:
+    if deflected and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
             f"runs orthogonal to t_s; use stiffer springs, geometry rigid, or another direction",
@@ -210,7 +138,7 @@ def require_effect(
     )
 
 
-def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
     Each coefficient is the power of these generalised forces in the uncontrolled motion:
@@ -226,7 +154,7 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     """
     robot = branch.robot
     deflection = deflection if robot.n_e else None
-    linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
+    linearised = crossing.pose
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
     static = static_forces(robot, crossing.q[None], wrenches)[0]  # (nv,)
     motion = _probe_motions(branch, crossing, linearised, deflection)
@@ -270,7 +198,7 @@ def _joint_powers(robot: ParallelRobot, escape: Array, motion: Motion, static: A
 
 def _probe_motions(
     branch: Branch,
-    crossing: CrossingPoint,
+    crossing: SingularPoint,
     linearised: LinearisedLoops,
     deflection: Deflection | None,
 ) -> Motion:
@@ -315,7 +243,7 @@ def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array
     return np.where(np.abs(values) > rounding * term_sizes, values, 0.0)
 
 
-def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
+def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:
     """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta.
 
     Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload

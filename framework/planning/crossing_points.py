@@ -15,13 +15,7 @@ from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.planning.condition import (
-    Condition8,
-    CrossingPoint,
-    coefficients_at,
-    imposed_point,
-    undeformed_crossing,
-)
+from framework.planning.condition import Condition8, coefficients_at, imposed_point
 from framework.planning.refusals import UnmetCondition
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
@@ -45,7 +39,7 @@ class PathToCross:
     """
 
     searched: SearchedPath
-    crossing_points: Sequence[SingularPoint | CrossingPoint]
+    crossing_points: Sequence[SingularPoint]
     explained: bool = True
 
     @property
@@ -59,10 +53,11 @@ class PathToCross:
         return self.searched.points
 
     @cached_property
-    def undeformed_crossings(self) -> list[tuple[CrossingPoint, Condition8]]:
+    def undeformed_crossings(self) -> list[tuple[SingularPoint, Condition8]]:
         """The crossing points of the undeformed robot, each with its condition (8)."""
-        points = [undeformed_crossing(target) for target in self.crossing_points]
-        return [(point, coefficients_at(self.branch, point, deflection=None)) for point in points]
+        return [
+            (point, coefficients_at(self.branch, point, deflection=None)) for point in self.crossing_points
+        ]
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
@@ -126,7 +121,7 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     if not is_at_path_end(singular):
         return
     end = "starts" if singular.s < 0.5 else "ends"
-    alpha, beta, gamma, _delta = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
+    alpha, beta, gamma, _delta = coefficients_at(branch, singular, deflection=None)
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
         f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; no law can "
@@ -141,7 +136,7 @@ def is_at_path_end(singular: SingularPoint) -> bool:
     return not SAME_PLACE < singular.s < 1.0 - SAME_PLACE
 
 
-def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:
+def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint]) -> None:
     """Refuse points at which the polynomial law would have several conditions to meet.
 
     Where the path touches the locus, finite torques need condition (8) and its time derivative. A point where
@@ -151,7 +146,7 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
         NoLaw: there is such a point; the message names a remedy.
     """
     for singular in points:
-        if not isinstance(singular, SingularPoint):
+        if singular.is_imposed:
             continue
         where = f"{robot.name}: at s = {singular.s:.6g}"
         if singular.corank > 1:

@@ -21,7 +21,7 @@ from framework.errors import NoLaw, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
-from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
+from framework.planning.condition import Condition8, coefficients_at
 from framework.planning.crossing_points import PathToCross, is_at_path_end
 from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
@@ -182,17 +182,16 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     except NoLaw:
         return None
     robot = branch.robot
-    crossing = undeformed_crossing(singular)
-    condition = coefficients_at(branch, crossing, deflection=None)
-    centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
-    centre_velocity = centre_jacobian @ crossing.motion  # (3,) in the uncontrolled motion
-    tangent = robot.platform.path_twist(branch.path, crossing.s)
+    condition = coefficients_at(branch, singular, deflection=None)
+    centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), singular.q)
+    centre_velocity = centre_jacobian @ singular.motion  # (3,) in the uncontrolled motion
+    tangent = robot.platform.path_twist(branch.path, singular.s)
     return Feasibility(
-        crossing.s,
+        singular.s,
         condition,
         # lengths over the robot's length, as `_cosine` compares the second vector with rounding
         weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
-        tangent_share=_cosine(tangent / robot.platform_scale, crossing.twist / robot.platform_scale),
+        tangent_share=_cosine(tangent / robot.platform_scale, singular.twist / robot.platform_scale),
         wrenches=bool(branch.wrenches.entries),
     )
 

@@ -49,7 +49,8 @@ from framework.laws.law import (
 from framework.model.description import FLEXIBILITIES
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
-from framework.planning.condition import Deflection, condition_at, crossing_point
+from framework.planning.condition import Deflection, condition_at
+from framework.planning.crossing_tracker import TrackedPoints, describe_points, track_points
 from framework.planning.refusals import check_advance
 from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
@@ -338,7 +339,9 @@ class ModelOnMotion:
         if singular is None or singular.corank > 1:
             raise NotConverged("the model has no simple singular point at the crossing")
         deflection = Deflection.evaluate(deflections, crossing.time)
-        point = crossing_point(branch, singular, deflection, crossing.s)
+        at_rest = TrackedPoints.at_rest(branch, [singular])
+        tracked = track_points(branch, at_rest, deflection.value[None])
+        (point,) = describe_points(branch, tracked, [singular.kind])
         condition = condition_at(branch, point, deflection)
         if self.friction is not None:
             friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
@@ -510,6 +513,6 @@ def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[Negl
     idle = robot.structure.idle
     still_turns = np.setdiff1d(idle, driven_turns(robot))  # balls with damping or armature drive the others
     columns = still_turns if len(still_turns) else idle  # the coordinates to name
-    names = _list_names([robot.coordinates.name_of(column) for column in columns])
+    names = _list_names([robot.coordinates.turn_name(column) for column in columns])
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

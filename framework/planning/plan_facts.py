@@ -215,5 +215,5 @@ def _idle_turns(robot: ParallelRobot) -> str:
         "held still": np.setdiff1d(robot.structure.idle, driven),
         "as damping or armature of their balls drives them": driven,
     }
-    names = {kind: ", ".join(map(robot.coordinates.name_of, columns)) for kind, columns in kinds.items()}
+    names = {kind: ", ".join(map(robot.coordinates.turn_name, columns)) for kind, columns in kinds.items()}
     return "; ".join(f"{joints} {kind}" for kind, joints in names.items() if joints)

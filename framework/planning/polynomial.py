@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +25,10 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import (
-    Condition8,
-    CrossingPoint,
-    Deflection,
-    condition_at,
-    crossing_point,
     require_effect,
 )
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
+from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals import check_advance
 from framework.planning.request import Request
@@ -39,7 +36,6 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
-PlannedCrossing = tuple[CrossingPoint, Condition8]  # the condition that holds at the point
 Timing = tuple[tuple[CrossingTime, ...], Array]  # and the coefficients of the law above its least degree
 
 # least speed ratio that a chosen law should have: least speed over the mean, without the zeros at the ends
@@ -83,6 +79,8 @@ def plan_polynomial(
     """
     name = to_cross.branch.robot.name
     timing, high = raised or timing_of(to_cross, request, searched=searched)
+    times = np.array([time for time, _ in timing])
+    tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law of a pass at given deflections; check the first law.
@@ -94,7 +92,7 @@ def plan_polynomial(
         if deflections is None or request.geometry != "deformed":
             crossings = _undeformed_crossings(to_cross)
         else:
-            crossings = _deformed_crossings(to_cross, timing, deflections, previous)
+            crossings = _deformed_crossings(tracker, deflections)
         law = _solve_law(crossings, timing, request, name, high)
         if previous is None and raised is None:
             _check_advance(law, request, to_cross.points, name)
@@ -114,7 +112,7 @@ def plan_polynomial(
         if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
-            balanced, deflections = _find_balanced_law(to_cross, request, timing, high)
+            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
             dynamics = resolve_with(lambda *_: balanced, known=deflections)
         except SearchEnded:
             raise
@@ -122,21 +120,24 @@ def plan_polynomial(
             raise choose_failure(failure, second) from None
     law = dynamics.law
     assert isinstance(law, Law)
-    try:
-        _check_advance(law, request, dynamics.crossings, name)
-    except NoLaw:
-        if request.times is None or request.geometry != "deformed" or not raises_left:
-            raise
-        deflected = _deformed_crossings(to_cross, timing, dynamics.deflection, law)
-        raised = _raise_degree(deflected, request)
-        if raised is None:
-            raise
-        return plan_polynomial(to_cross, request, raised=raised, raises_left=raises_left - 1)
-    return certified_plan(to_cross, request, dynamics, law, timing)
+    if request.geometry == "deformed":  # else the first law, which is checked
+        try:
+            _check_advance(law, request, dynamics.crossings, name)
+        except NoLaw:
+            if request.times is None or not raises_left:
+                raise
+            raised = _raise_degree(_deformed_crossings(tracker, dynamics.deflection), request)
+            if raised is None:
+                raise
+            return plan_polynomial(to_cross, request, raised=raised, raises_left=raises_left - 1)
+    # the last pass has found the conditions, unless the motion meets other points or the user imposes some
+    handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
+    return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
 
 
 def _find_balanced_law(
     to_cross: PathToCross,
+    tracker: CrossingTracker,
     request: Request,
     timing: Sequence[CrossingTime],
     high: Array,
@@ -149,6 +150,7 @@ def _find_balanced_law(
     path, so that the polynomial is solved for again until it passes them at their times.
 
     Args:
+        tracker: the crossings with the last deflections.
         timing: times and speeds of the crossings.
         high: coefficients of the law above its least degree.
 
@@ -159,14 +161,13 @@ def _find_balanced_law(
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
     name = to_cross.branch.robot.name
-    times = np.array([time for time, _ in timing])
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
-        crossings = _deformed_crossings(to_cross, timing, deflections.evaluate, law)
+        crossings = _deformed_crossings(tracker, deflections.evaluate)
         places = np.array([point.s for point, _ in crossings])
-        miss = float(np.abs(law(times) - places).max(initial=0.0))
+        miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
     raise NotConverged(f"{name}: the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
@@ -248,35 +249,27 @@ def _undeformed_crossings(to_cross: PathToCross) -> list[PlannedCrossing]:
         NoLaw: no law can meet the condition at some point.
     """
     return [
-        (point, require_effect(to_cross.branch, point, condition, deflection=None))
+        (point, require_effect(to_cross.branch, point, condition, deflected=False))
         for point, condition in to_cross.undeformed_crossings
     ]
 
 
 def _deformed_crossings(
-    to_cross: PathToCross,
-    timing: Sequence[CrossingTime],
-    deflections: Callable[[float, int], Array],
-    law: MotionLaw | None,
+    tracker: CrossingTracker, deflections: Callable[[Any, int], Array]
 ) -> list[PlannedCrossing]:
-    """Compute the crossing points of the deflected robot, with their conditions (8).
+    """Follow the crossing points of the deflected robot; return each with its condition (8).
 
     Args:
-        timing: times and speeds of the crossings.
-        deflections: deflections (n_e,) and their time derivatives as a function (t, order).
-        law: the law of the last pass, near whose crossings the points are; None for the first pass.
+        deflections: deflections (k, n_e) and their time derivatives as a function of times and order.
 
     Raises:
         NoLaw: the deflected robot has no singular point there.
         NotConverged: s" has no effect on the condition with these deflections.
     """
-    branch, crossings = to_cross.branch, []
-    for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
-        deflection = Deflection.evaluate(deflections, time)
-        s_guess = target.s if law is None else float(law(time))
-        point = crossing_point(branch, target, deflection, s_guess)
-        crossings.append((point, condition_at(branch, point, deflection)))
-    return crossings
+    return [
+        (point, require_effect(tracker.branch, point, condition, deflected=True))
+        for point, condition in tracker.follow(deflections)
+    ]
 
 
 def _solve_law(
@@ -432,8 +425,8 @@ def choose_timing(
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
             f"{name}: the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
-            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean; no others are searched: cut the path, take "
-            f"law optimal, or give all times and speeds"
+            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean; no others are searched: cut the path, "
+            f"take law optimal, or give all times and speeds"
         )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`

@@ -79,7 +79,7 @@ The motion, under either law or one of the user's own:
     UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
         dynamics.singularity_crossings.check_bounded
     NoLaw: the deflected robot has no singular point near the crossing
-        planning.condition.crossing_point
+        planning.crossing_tracker.track_points
     NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
         planning.condition.condition_at
     NotAssembled: loops do not close along the motion, or rates do not exist

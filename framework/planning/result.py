@@ -23,12 +23,12 @@ from framework.kinematics.tree_model import positions_beyond_limits, shares_beyo
 from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.planning.condition import Condition8, Deflection, coefficients_at, crossing_point
+from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, PathToCross
+from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
 from framework.planning.request import PEAK_SAMPLES, Request, Specification, motor_peaks
-from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
 
@@ -243,6 +243,7 @@ def certified_plan(
     law: PlannedLaw,
     timing: Sequence[CrossingTime],
     *,
+    conditions: Sequence[Condition8] | None = None,
     reason: str = "",
     optimality: Optimality | None = None,
 ) -> CrossingPlan:
@@ -252,14 +253,19 @@ def certified_plan(
         dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
+        conditions: (8) at the crossings of points of the request, with the deflections of the motion; None to
+            compute them.
         reason, optimality: fields of the plan.
     """
     crossings = []
     point_indices = _match_points(to_cross, dynamics.crossings)
+    if conditions is None:
+        conditions = _find_conditions(to_cross, request, dynamics, point_indices)
+    remaining = iter(conditions)
     for measured, index in zip(dynamics.crossings, point_indices, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
         # None where the request did not ask for condition (8)
-        condition = None if index is None else _find_condition(to_cross, request, dynamics, index, time)
+        condition = None if index is None else next(remaining)
         crossings.append(
             Crossing(
                 s=measured.s,
@@ -309,7 +315,7 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
     they are matched by s.
     """
     points = to_cross.crossing_points
-    are_located = all(isinstance(point, SingularPoint) for point in points)
+    are_located = not any(point.is_imposed for point in points)
     if are_located and len(points) == len(crossings):
         return list(range(len(points)))
     matches = []
@@ -319,20 +325,19 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
     return matches
 
 
-def _find_condition(
-    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, index: int, time: float
-) -> Condition8:
-    """Compute condition (8) at a crossing point with the deflections at a time [s].
+def _find_conditions(
+    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, point_indices: Sequence[int | None]
+) -> list[Condition8]:
+    """Compute condition (8) at all crossings of points of the request, with the deflections of a motion.
 
     Args:
-        dynamics: the motion under the law, whose deflections shift the point.
-        index: of the point in `to_cross.crossing_points`.
-        time: of the crossing [s].
+        dynamics: the motion under the law, whose deflections shift the points.
+        point_indices: for each crossing of the motion the index of its point, or None.
     """
+    matched = [k for k, index in enumerate(point_indices) if index is not None]
     if request.geometry != "deformed":
-        _point, condition = to_cross.undeformed_crossings[index]
-        return condition
-    deflection = Deflection.evaluate(dynamics.deflection, time)
-    s_guess = float(dynamics.law(time))
-    point = crossing_point(to_cross.branch, to_cross.crossing_points[index], deflection, s_guess)
-    return coefficients_at(to_cross.branch, point, deflection)
+        return [to_cross.undeformed_crossings[point_indices[k] or 0][1] for k in matched]
+    points = [to_cross.crossing_points[point_indices[k] or 0] for k in matched]
+    times = np.array([dynamics.crossings[k].time for k in matched])
+    tracker = CrossingTracker(to_cross.branch, points, times)
+    return [condition for _point, condition in tracker.follow(dynamics.deflection)]

@@ -21,7 +21,15 @@ import numpy as np
 from framework.catalogue import find_entry
 from framework.catalogue import robot_file as robot_file_of
 from framework.dynamics.inverse_dynamics import check_law, resolve_law
-from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, finite_numbers, short
+from framework.errors import (
+    InvalidInput,
+    NoAnswer,
+    RobotFileError,
+    choose_from,
+    finite_numbers,
+    real_numbers,
+    short,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law, PlannedLaw, check_duration
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
@@ -62,16 +70,17 @@ from framework.tolerances import FILE_ROUNDING
 
 FILE = "plan.json"
 VERSION = 3  # of plan.json; in earlier versions an optimal law was one Chebyshev series
+MAX_COEFFICIENTS = 2000  # of a law, several times as many as any search ends with
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 # ------------------------------------------------------------------ the keys that are read
 
 
 def _read_series(where: str, raw: Any) -> tuple[float, ...]:
-    """Read the coefficients of a law, at least two, from the raw value at `where` in the file."""
+    """Read the 2 to MAX_COEFFICIENTS coefficients of a law from the raw value at `where` in the file."""
     coefficients = list_of(number)(where, raw)
-    if len(coefficients) < 2:
-        raise InvalidInput(f"{where}: needs at least two numbers, got {len(coefficients)}")
+    if not 2 <= len(coefficients) <= MAX_COEFFICIENTS:
+        raise InvalidInput(f"{where}: needs 2 to {MAX_COEFFICIENTS} numbers, got {len(coefficients)}")
     return coefficients
 
 
@@ -126,7 +135,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
         OutputError: it cannot be written.
     """
     file = FilePath(folder) / FILE
-    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan")
+    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan", overwrite=True)
     return file
 
 
@@ -512,8 +521,8 @@ def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)
     try:
-        numbers = np.array(stated, dtype=float)
-    except (TypeError, ValueError, OverflowError):  # not numbers
+        numbers = real_numbers("", stated)
+    except InvalidInput:
         return False
     allowed = FILE_ROUNDING * np.maximum(size, np.abs(computed))
     return numbers.shape == allowed.shape and bool(np.all(np.abs(numbers - computed) <= allowed))

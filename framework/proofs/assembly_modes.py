@@ -19,25 +19,23 @@ numerically complete       as many paths as the bound end at solutions that are 
 at least                   some paths are lost or end at multiple solutions, or no bound is known
 architecturally singular   the conditions depend on one another in every pose: no pose is isolated
 
-If the legs give too few conditions, Newton's method searches closed poses from many starts, and Krawczyk's
-test proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that there
-are no other poses; otherwise the number found is a lower bound.
+If the legs give too few conditions, Newton's method searches closed poses from many starts, leg by leg
+(`leg_solutions`), and Krawczyk's test proves each. If only few joints of each leg follow the motors, paving
+these joints proves that there are no other poses; otherwise the number found is a lower bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput
-from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
-from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
+from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
@@ -46,10 +44,9 @@ from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
 from framework.proofs.homotopy import PathCount, RealSolutions, Status, find_real_solutions
-from framework.proofs.leg_paving import are_leg_solutions_complete
+from framework.proofs.leg_solutions import shown_places, solve_legs
 from framework.proofs.passive_joints import (
     RANDOM_STARTS,
-    close_all_loops,
     distance_from_reference,
     distinct_rows,
     draw_starts,
@@ -65,9 +62,10 @@ from framework.proofs.study_quadric import (
     spherical_displacements,
     translation_displacements,
 )
-from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
+from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
 SAMPLE_POSES = 60  # of a leg: more than three for each of the 17 functions
+STARTS_AT_POSE = 48  # of Newton's method for the joints at one pose of the platform
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +111,8 @@ class AssemblyModes:
 def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     """Find all poses of the robot with motor joints q_a (n_a,) [rad, m].
 
-    q_a is on the joint side of the gears; springs are at rest. Configurations with the same pose of the
-    platform are one mode, even if joints inside a leg have turned over.
+    q_a is on the joint side of the gears; springs are at rest. Poses are distinct if joints are, except for
+    universal joints and rods that have turned over without moving a line (`leg_solutions`).
 
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
@@ -140,7 +138,7 @@ def _modes_at_displacements(
 
     The motors stay as in q (nq,). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
-    rotation is left free.
+    rotation is left free. At each displacement the joints may have several solutions.
 
     Args:
         group: the displacements among which the solutions are.
@@ -149,20 +147,39 @@ def _modes_at_displacements(
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0
     rotation = reference_frames.rotation[0, 0]  # (3, 3)
-    modes = list[AssemblyMode]()
-    for R, p, proved in zip(solutions.R, solutions.p, solutions.proved, strict=True):
+    status = solutions.status
+    poses = list[Array]()
+    proved = list[bool]()
+    for R, p, is_proved in zip(solutions.R, solutions.p, solutions.proved, strict=True):
         target_rotation = None if group.only_translates else R @ rotation  # None leaves it free
         pose = find_joints_at_pose(robot, q, R @ position + p * robot.length, target_rotation)
-        if pose is not None:
-            x = _platform_coordinates(robot, frames_at(robot, pose[None]))
-            modes.append(AssemblyMode(pose, x, bool(proved)))
-    modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
-
-    # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
-    # may differ from the loops, and these modes are not proved to be all.
-    status = solutions.status if len(modes) == len(solutions.R) else "at least"
+        if pose is None:
+            # Leg conditions come from sampled poses. If the joints of a displacement are not found, the
+            # conditions may differ from the loops, and these modes are not proved to be all.
+            status = "at least"
+            continue
+        x = _platform_coordinates(robot, frames_at(robot, pose[None]))
+        joints = solve_legs(robot, q, robot.following, x, start_count=STARTS_AT_POSE)
+        poses += [pose, *joints.q]
+        proved += [bool(is_proved)] * (1 + len(joints.q))
+        if not joints.are_all and (status == "proved" or len(joints.q) > 1):
+            status = "at least"
     method = f"homotopy in {group.name}: {solutions.count.sentence}"
-    return AssemblyModes(tuple(modes), status, group.bound, solutions.count, method)
+    return AssemblyModes(_modes_of(robot, poses, proved), status, group.bound, solutions.count, method)
+
+
+def _modes_of(
+    robot: ParallelRobot, poses: Sequence[Array], proved: Sequence[bool]
+) -> tuple[AssemblyMode, ...]:
+    """Return the modes of `poses` (nq,), those that show the same once, nearest to the reference first."""
+    if not poses:
+        return ()
+    turned = remove_whole_turns(robot, np.array(poses))
+    distances = [distance_from_reference(robot, pose) for pose in turned]
+    order = np.argsort(distances, kind="stable")
+    distinct = order[distinct_rows(shown_places(robot, turned[order]))]
+    x = [_platform_coordinates(robot, frames_at(robot, pose[None])) for pose in turned]
+    return tuple(AssemblyMode(turned[k], x[k], proved[k]) for k in distinct)
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
@@ -171,51 +188,18 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, with the motors as in q (nq,).
+    """Search modes by Newton's method from random starts, with the motors as in q (nq,), leg by leg.
 
-    A pose is a mode if its platform is away from those of all earlier modes, and if no closure is flipped.
-    All poses found, modes or not, are the candidates; the modes are proved to be all if the loops close in no
-    pose but the candidates. No bound on the number of modes is known, and no homotopy paths are counted.
+    No bound on the number of modes is known, and no homotopy paths are counted.
     """
-    # close the loops by the joints that follow the motors, and sort the poses by their distance from the
-    # reference
-    starts = draw_starts(robot, q, robot.passive, RANDOM_STARTS)
-    poses, closed = close_all_loops(robot, starts, robot.following)  # (RANDOM_STARTS, nq), mask
-    candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
-    modes = list[AssemblyMode]()
-    for pose in candidates:
-        frames = frames_at(robot, pose[None])
-        is_new = all(_is_platform_away(robot, frames, mode.x) for mode in modes)
-        if is_new and find_flipped_closure(robot, frames) is None:
-            x = _platform_coordinates(robot, frames)
-            modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
-
+    found = solve_legs(robot, q, robot.following, None)
+    modes = _modes_of(robot, list(found.q), [has_one_solution_near(robot, pose) for pose in found.q])
     method = f"{RANDOM_STARTS} starts of Newton's method"
     status: Status = "at least"
-    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q, candidates):
+    if found.are_all and all(mode.proved for mode in modes):
         status = "proved"
         method += ", joints paved"
-    return AssemblyModes(tuple(modes), status, bound=None, count=None, method=method)
-
-
-def _is_platform_away(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
-    """Return whether the platform in `frames` (of one pose) is away from that at coordinates x (n,)."""
-    offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
-    return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
-
-
-def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
-    """Return whether the loops provably close in no poses but `poses` (nq,).
-
-    The motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg; boxes
-    are of their offsets from q [rad, robot lengths].
-    """
-    joints = robot.following  # columns of the velocity vector
-    is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
-    candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
-    offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
-    known = offsets[distinct_rows(offsets)]  # a pose may be among them several times
-    return are_leg_solutions_complete(robot, joints, is_fixed, q, known, x=None)
+    return AssemblyModes(modes, status, bound=None, count=None, method=method)
 
 
 # ------------------------------------------------------------------ conditions of the legs

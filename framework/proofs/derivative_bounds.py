@@ -76,9 +76,13 @@ class DerivativeBounds:
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
         """Collect the equations of a robot, for slides within `reach` robot lengths.
 
+        Where no m loop equations imply the others in all poses, those independent at the reference are taken.
+        If they have full rank, all have; but their root need not close the others.
+
         Raises:
             InvalidInput: joints are coupled, or a ball joint moves.
         """
+        robot = robot.with_fixed_rows(robot.structure.independent)
         excluded = list_unbounded_joints(robot)
         if excluded:
             raise InvalidInput(
@@ -184,14 +188,17 @@ class Derivatives(NamedTuple):
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
-        H_sizes = np.abs(self.hessians) + rounding  # |H|
-        slope_errors = np.einsum("srij,sj->sri", H_sizes + 0.5 * thirds, radii)
-        value_errors = np.einsum("srij,si,sj->sr", 0.5 * H_sizes + thirds / 6, radii, radii, optimize=True)
+        H_sizes = np.abs(self.hessians)
+        H_sizes += rounding  # |H|
+        by_H, by_T = (np.matvec(matrices, radii[:, None]) for matrices in (H_sizes, thirds))  # (S, R, k)
+        slope_errors = by_H + 0.5 * by_T
+        value_errors = np.matvec(0.5 * by_H + by_T / 6, radii)
         value_errors += rounding * (1 + radii.sum(axis=1, keepdims=True))  # of values + slopes d
+        thirds += rounding
         return Remainders(
             values=ROUND_UP * value_errors,
             slopes=ROUND_UP * slope_errors + rounding,
-            hessians=thirds + rounding,
+            hessians=thirds,
         )
 
     def _third_bounds(self, radii: Array) -> Array:
@@ -207,7 +214,8 @@ class Derivatives(NamedTuple):
             # the joints of the chain are some of the k unknowns: add to all pairs (i, j) of them
             bounds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
         # terms are in m and rad: divide by the unit of the equation, multiply by the units of q_i and q_j
-        return ROUND_UP * bounds * (self.bounds.scale[:, :, None] * self.bounds.column_scale)
+        bounds *= ROUND_UP * self.bounds.scale[:, :, None] * self.bounds.column_scale
+        return bounds
 
 
 class Remainders(NamedTuple):

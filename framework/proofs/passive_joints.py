@@ -154,8 +154,11 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
 
     With `platform_locked` the platform is locked instead of the motors; springs are always locked. The test
     is Krawczyk's, for a box of joints with equal radii [rad, robot lengths]. Its k equations are those of the
-    loops, and those of the platform if it is locked. The result is False unless k joints are unknown.
+    loops, and those of the platform if it is locked. The result is False unless k joints are unknown, and for
+    loops of which no k equations imply the others in all poses: the root of k of them may leave others open.
     """
+    if robot.structure.varies:
+        return False
     linearised = linearised_at(robot, q[None])
     values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops
@@ -189,13 +192,12 @@ def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
     return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
-def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns.
+def distinct_rows(points: Array) -> list[int]:
+    """Return the indices of rows of points (T, d) that repeat no earlier row.
 
-    Each row is compared with the distinct rows before it. Slides [robot lengths] are compared like angles
-    [rad].
+    Each row is compared with the distinct rows before it. Angles are given as points exp(i angle) of the unit
+    circle, where whole turns make no difference; slides [robot lengths] may be given like angles [rad].
     """
-    points = np.exp(1j * joints)  # on the unit circle, where whole turns make no difference
     distinct = list[int]()
     for k, point in enumerate(points):
         offsets = np.abs(points[distinct] - point).max(axis=1, initial=0.0)

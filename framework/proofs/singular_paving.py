@@ -31,6 +31,7 @@ from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
+from framework.numerics.ordered_sums import singular_values
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
@@ -136,11 +137,19 @@ def pave_singularities(
     # pave Type 2, then Type 1 of each leg
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
+    others = _bound_other_rows(robot, reach)
     sets = tuple(
-        _pave_set(SingularBoxTest(bounds, block, region, resolution), reach, max_boxes)
-        for block in singular_sets(robot)
+        _pave_set(SingularBoxTest(bounds, others, block, region, resolution), reach, max_boxes)
+        for block in singular_sets(bounds.robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
+
+
+def _bound_other_rows(robot: ParallelRobot, reach: float) -> DerivativeBounds | None:
+    """Return bounds of the loop equations that `DerivativeBounds.of` leaves out, if these may open."""
+    if not robot.structure.varies:
+        return None
+    return DerivativeBounds.of(robot.with_fixed_rows(robot.structure.dropped), reach=reach)
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
@@ -170,6 +179,10 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
 
     arcs = join(partition.proved)
     undecided = join([partition.undecided, partition.pending])  # too small, or not tested
+    if test.others is not None:  # an arc of some loop equations proves no pose that closes the others
+        unproved = join([undecided, Boxes(arcs.middle, arcs.radii)])
+        undecided = select(unproved, ~(test.are_others_open(unproved) | test.are_regular(unproved)))
+        arcs = select(arcs, slice(0))
 
     # where the platform may be in undecided boxes
     derivatives = bounds.evaluate(bounds.configurations(undecided.middle))
@@ -282,6 +295,7 @@ class Arcs(NamedTuple):
     x: Array  # (B, n) at the middles [m, rad]
     x_radii: Array  # (B, n) the arcs are within these radii
     middle: Array  # (B, k) of the boxes [rad, robot lengths]
+    radii: Array  # (B, k)
     along: IntArray  # (B,) index of the joint that is the parameter of the arc; NO_AXIS for a point
 
 
@@ -311,6 +325,7 @@ class SingularBoxTest:
     """The test of boxes for one set of singular poses."""
 
     bounds: DerivativeBounds  # of the robot's equations
+    others: DerivativeBounds | None  # of the loop equations that these need not imply, if there are any
     block: SingularSet  # the block of dF/dq that loses rank
     window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
     resolution: float  # [m, robot lengths] largest width of a box with an arc
@@ -362,9 +377,39 @@ class SingularBoxTest:
         remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
 
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
+        if self.others is not None:
+            possible &= ~self.are_others_open(boxes)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
         return boxes, parts, derivatives.take(np.flatnonzero(possible)), select(loops, possible)
+
+    def are_others_open(self, boxes: Boxes) -> BoolArray:
+        """Return whether one of the other loop equations has no root in S boxes, (S,)."""
+        assert self.others is not None
+        n = self.others.robot.n
+        derivatives = self.others.evaluate(self.others.configurations(boxes.middle))
+        errors = derivatives.remainders(boxes.radii).values[:, n:]
+        change = ROUND_UP * (np.matvec(np.abs(derivatives.slopes[:, n:]), boxes.radii) + errors)
+        return np.asarray((np.abs(derivatives.values[:, n:]) > change).any(axis=1))
+
+    def are_regular(self, boxes: Boxes) -> BoolArray:
+        """Return whether all loop equations together prove that S boxes hold no singular pose, (S,).
+
+        Type 2: all of them along the passive joints have full rank; Type 1: the platform's equations and all
+        of them. A singular value changes by no more than the matrix does (Weyl).
+        """
+        assert self.others is not None
+        n = self.bounds.robot.n
+        of_bounds, of_others = (
+            bounds.evaluate(bounds.configurations(boxes.middle)) for bounds in (self.bounds, self.others)
+        )
+        slopes = np.concatenate([of_bounds.slopes, of_others.slopes[:, n:]], axis=1)  # (S, n + rows, k)
+        remainders = [part.remainders(boxes.radii).slopes for part in (of_bounds, of_others)]
+        changes = np.concatenate([remainders[0], remainders[1][:, n:]], axis=1)
+        if self.block.name == "type_2":
+            slopes, changes = slopes[:, n:, self.block.columns], changes[:, n:, self.block.columns]
+        least = singular_values(slopes).min(axis=1)
+        return least > ROUND_UP * np.linalg.norm(changes + self.bounds.rounding, axis=(1, 2))
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
@@ -450,6 +495,8 @@ class SingularBoxTest:
         x_radii *= ROUND_UP  # (S, n) in robot lengths and rad
         is_arc = proof.proved & ~remaining.empty
         is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
-        middles = boxes.sub_boxes(proof.lower, proof.upper).middle
-        arcs = Arcs(equations.x, robot.platform_scale * x_radii, middles, along)
+        proved_boxes = boxes.sub_boxes(proof.lower, proof.upper)
+        arcs = Arcs(
+            equations.x, robot.platform_scale * x_radii, proved_boxes.middle, proved_boxes.radii, along
+        )
         return _Decision(remaining, np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc))

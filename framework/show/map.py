@@ -60,6 +60,7 @@ from framework.tolerances import SAME_PLACE
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
 COLOR_PERCENTILES = (2.0, 98.0)  # of the values, ends of the colour scale: a pole would take all colours
 PATH_SAMPLES = 401
+TYPE_2, OF_LOOPS = "singular locus (Type 2)", "singularity of loops or legs"
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
 WINDOW_EDGE, ASIDE, ABOVE = 3.4, 1.45, 1.4  # [in] of the window drawn, and of labels beside and above it
 LETTERS = 60  # in a line of the title
@@ -139,7 +140,9 @@ def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> No
     """
     locus = workspace.locus
     style = Style(color=LOCUS, linewidth=1.4, path_effects=halo)
-    draw_curves(ax, [curve.x for curve in locus.curves], "singular locus (Type 2)", **style)
+    draw_curves(ax, [curve.x for curve in locus.curves if curve.is_type2], TYPE_2, **style)
+    others = [curve.x for curve in locus.curves if not curve.is_type2]
+    draw_curves(ax, others, OF_LOOPS, **style, linestyle=":")
     if len(locus.unexplained):
         ax.plot(*locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
     if locus.why_not:
@@ -241,13 +244,14 @@ ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform."
 def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
     """Return the page of a map as HTML."""
     heading = map_title(workspace)
+    has_type2 = any(curve.is_type2 for curve in workspace.locus.curves)
     return standalone_page(
         heading,
         page_part(
             "map.html",
             title=escape(heading),
-            lead=escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
-            found=escape(f"Singular locus: {workspace.locus.sentence}."),
+            lead=escape(f"{LEAD} {ON_LOCUS}" if has_type2 else LEAD),
+            found=escape(f"Singular locus: {workspace.locus_sentence}."),
         ),
         _map_document(workspace, path),
         styles=["map.css"],
@@ -260,8 +264,13 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     robot = workspace.robot
     window = workspace.window
     unexplained = workspace.locus.unexplained  # points at which g changes its sign without a curve
-    curves = [_curve_document(curve.x, LOCUS, width=2.0, dash=[]) for curve in workspace.locus.curves]
-    legend = [("singular locus (Type 2)", LOCUS, False)] if curves else []  # text, colour, whether an area
+    kinds = {curve.is_type2 for curve in workspace.locus.curves}
+    curves = [
+        _curve_document(curve.x, LOCUS, width=2.0, dash=[] if curve.is_type2 else [2, 3])
+        for curve in workspace.locus.curves
+    ]
+    # text, colour, whether an area
+    legend = [(text, LOCUS, False) for kind, text in ((True, TYPE_2), (False, OF_LOOPS)) if kind in kinds]
     if len(unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     mark = robot.reference.x[list(window.axes)]

@@ -16,9 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from framework.errors import check_choice
 from framework.numerics.arrays import Array
+from framework.numerics.output import PROGRAM
 from framework.show.captions import describe_film_briefly
 from framework.show.drawing import plot_still
 from framework.show.film import Film, film_limit
@@ -82,10 +84,12 @@ def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kin
     written = io.BytesIO()
     animated: Style = {"save_all": True, "duration": durations, "loop": 0}
     if kind == "gif":
-        small[0].save(written, "GIF", append_images=small[1:], **animated)
+        small[0].save(written, "GIF", append_images=small[1:], comment=PROGRAM, **animated)
     else:
         still = small[durations.index(SINGULAR_FRAME_TIME)]  # the first singular instant, or the end
-        still.save(written, "PNG", default_image=True, append_images=small, **animated)
+        origin = PngInfo()
+        origin.add_text("Software", PROGRAM)
+        still.save(written, "PNG", default_image=True, append_images=small, pnginfo=origin, **animated)
     return written.getvalue()
 
 

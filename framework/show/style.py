@@ -18,6 +18,7 @@ from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure, FigureBase
 
 from framework.numerics.arrays import Array
+from framework.numerics.output import PROGRAM
 
 Style = dict[str, Any]  # keyword arguments of an artist of matplotlib
 COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # of curves, dark and light
@@ -81,7 +82,11 @@ _SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
     "figure.dpi": 100,
 }
-_UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_METADATA: dict[str, dict[str, str | None]] = {  # without a date
+    "png": {"Software": PROGRAM},
+    "svg": {"Creator": PROGRAM, "Date": None},
+    "pdf": {"Creator": PROGRAM, "CreationDate": None},
+}
 
 
 def use_style() -> AbstractContextManager[None]:
@@ -143,7 +148,7 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
     from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages  # takes time to import
 
     files = [document]
-    with use_style(), PdfPages(document, metadata=_UNDATED["pdf"]) as pages:
+    with use_style(), PdfPages(document, metadata=_METADATA["pdf"]) as pages:
         for name, draw in drawings.items():
             drawing = draw().figure
             assert isinstance(drawing, Figure)
@@ -163,5 +168,5 @@ def figure_file(drawing: FigureBase, kind: str, *, dpi: float = DPI) -> bytes:
     written = io.BytesIO()
     drawing.set_dpi(dpi)
     canvas = get_registered_canvas_class(kind)(drawing)
-    getattr(canvas, f"print_{kind}")(written, metadata=_UNDATED[kind])
+    getattr(canvas, f"print_{kind}")(written, metadata=_METADATA[kind])
     return written.getvalue()

@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput, finite_numbers, real_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches, wrench_slope
 from framework.kinematics.frames import FrameStack, integrate, scratch_of
 from framework.kinematics.mechanism import frame_index
@@ -239,12 +239,13 @@ class Drive:
                 raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
             return source
 
+        instants = finite_numbers("breaks", breaks, real_numbers("breaks", breaks).size).tolist()
         motion = planned_motion(source)
         planned_wrenches = getattr(motion, "wrenches", NO_WRENCHES)
         applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, applied, getattr(motion, "law", None))
         if motion is not None:
-            return _drive_by_plan(robot, motion, breaks, world)
+            return _drive_by_plan(robot, motion, instants, world)
 
         if not callable(source):
             raise InvalidInput(
@@ -265,7 +266,7 @@ class Drive:
                 torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
             return torques
 
-        return Drive(robot, torques_at, has_feedback, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, torques_at, has_feedback, tuple(sorted(instants)), world)
 
 
 def _drive_by_plan(

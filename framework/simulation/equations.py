@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import (
     FrameStack,
@@ -189,8 +189,8 @@ def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     if damping is None:
         return np.zeros(shape)
     try:
-        dampings = np.asarray(damping, dtype=float)
-    except (TypeError, ValueError):
+        dampings = real_numbers("damping", damping)
+    except InvalidInput:
         dampings = np.array(np.nan)  # refused below
     has_valid_shape = dampings.shape in ((), shape[-1:], shape)
     if not has_valid_shape or not np.all((dampings >= 0) & np.isfinite(dampings)):

@@ -26,10 +26,19 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotAssembled, check_choice, finite_numbers, whole_number
+from framework.errors import (
+    InvalidInput,
+    NotAssembled,
+    check_choice,
+    expect,
+    finite_numbers,
+    real_numbers,
+    whole_number,
+)
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
+from framework.kinematics.linearised_loops import linearised_at, require_closed_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
@@ -92,7 +101,7 @@ class Simulation(ReadOnlyArrays):
 
     def _states(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return coordinates (T, nq) and rates (T, nv) at t (T,) [s]."""
-        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
+        return self.trajectory(np.atleast_1d(real_numbers("t", t)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Compute platform coordinates (T, n) [m, rad] at t (T,) [s]; with order 1 the twist on its axes."""
@@ -308,6 +317,8 @@ def simulate(
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
+    for event in events if isinstance(events, list | tuple) else [events]:
+        expect("events", event, Event, "Event(lambda t, q, v: q[0])")
     settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, MIN_ROWS, MAX_ROWS)
     equations = EquationsOfMotion.of(robot, damping)
@@ -409,6 +420,7 @@ def _consistent_start(
         q, v = _planned_start(robot, planned)
     if start_velocity is not None:
         v = finite_numbers("start_velocity", start_velocity, robot.nv)
+        require_closed_rates(robot, linearised_at(robot, q[None]), v[None], "start_velocity")
     torque = drive(np.zeros(1), q[None], v[None])[0]
     return consistent_state(equations, q, v, torque, drive.world)
 

@@ -34,12 +34,12 @@ from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import (
     FrameStack,
+    body_twists,
     difference,
-    frames_of,
+    frames_at,
     integrate,
     move_with_bodies,
     scratch_of,
-    twists_of,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
@@ -219,7 +219,8 @@ class Stepper:
             q, v: configurations (nq,) or (R, nq), and velocities (nv,) or (R, nv).
         """
         platform = self.robot.platform
-        frames = self.frames(np.atleast_2d(q))
+        runs = np.atleast_2d(q)
+        frames = frames_at(self.robot, runs, self._models(len(runs)))
         x = platform.coordinates(frames)
         twist = matvec(platform.jacobian(frames), np.atleast_2d(v))
         shape = (*q.shape[:-1], platform.n)
@@ -338,13 +339,9 @@ class Stepper:
             mass[k] = pin.crba(model, data, q[k])
         mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
-        frames = self.frames(q)
+        frames = frames_at(self.robot, q, self._models(runs))
         loops = loop_equations(self.equations[0].rows, frames)
         return Terms(mass, self.bias(q, v), frames, *loops, self.drift(frames, v))
-
-    def frames(self, q: Array) -> FrameStack:
-        """Compute poses of frames and screws of joints of R runs at q (R, nq)."""
-        return frames_of(scratch_of(self.robot), self._models(len(q)), q)
 
     def bias(self, q: Array, v: Array) -> Array:
         """Compute the bias forces c + g (R, nv) of R runs: Coriolis, centrifugal and gravity forces."""
@@ -356,7 +353,7 @@ class Stepper:
 
     def drift(self, frames: FrameStack, v: Array) -> Array:
         """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
-        twists = twists_of(scratch_of(self.robot), self._models(len(v)), frames.q, v, np.zeros_like(v))
+        twists = body_twists(self.robot, frames.q, v, np.zeros_like(v), self._models(len(v)))
         return closure_drift(self.equations[0].rows, move_with_bodies(self.robot, frames, twists))
 
 

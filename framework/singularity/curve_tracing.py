@@ -54,6 +54,7 @@ class Evaluated(NamedTuple):
     slopes: Array  # dF/du (S, k - 1, k)
     P: Array  # (S, m, m) passive columns of the loop equations, dimensionless; singular on the locus
     eta: Array  # (S, m) passive rates closest to a motion that locked motors do not hold, c' eta = 1
+    bases: Array  # (S, R, m) of the ranges of the loops' rows, to which P refers; see `LinearisedLoops.bases`
 
     @property
     def passive_g_slopes(self) -> Array:
@@ -128,15 +129,16 @@ class LocusEquations:
         offset[..., turning] = wrap_angles(offset[..., turning])
         return offset
 
-    def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
+    def evaluate(self, q: Array, border: Border | None = None, bases: Array | None = None) -> Evaluated:
         """Evaluate the equations and their derivatives at S configurations q (S, nq).
 
         Args:
             border: b and c (S, m, 1) of the bordered system of P, whose scalar is g; by default each
                 configuration has the border of its own P.
+            bases: (S, R, m) to which the bases of the ranges of the loops are aligned.
         """
         robot = self.robot
-        linearised = linearised_at(robot, q)
+        linearised = linearised_at(robot, q, bases=bases)
         P = passive_matrix(robot, linearised)
         measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
         gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
@@ -151,6 +153,7 @@ class LocusEquations:
             slopes=np.concatenate(slopes, axis=1)[:, :, robot.moving],
             P=P,
             eta=measure.eta,
+            bases=linearised.bases,
         )
 
     def _fixed_offsets(self, linearised: LinearisedLoops) -> Array:
@@ -192,6 +195,7 @@ class Points(NamedTuple):
     escape_slope: Array  # (S,) derivative of g along the escaping motion; its sign changes at cusps
     eta: Array  # (S, m) unit passive rates of the escaping motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
+    bases: Array  # (S, R, m) of the ranges of the loops' rows, to which border and determinant refer
 
     def negate_tangents(self) -> Points:
         """Return the points in the same order with opposite tangents."""
@@ -352,7 +356,8 @@ def advance(
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
     for _ in range(max_corrections):
-        evaluated = equations.evaluate(q, point.border)  # one border, so that g is one smooth function
+        # one border and one basis, so that g is one smooth function
+        evaluated = equations.evaluate(q, point.border, point.bases)
         # solve dF/du change = -F and t' change = 0: the last equation keeps the change normal to the tangent
         values = np.append(evaluated.values, [[0.0]], axis=1)
         change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
@@ -402,4 +407,5 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
         escape_slope=np.sum(evaluated.passive_g_slopes * eta, axis=1),  # dg along the escaping motion
         eta=eta,
         border=Border.of(evaluated.P),
+        bases=evaluated.bases,
     )

@@ -15,8 +15,8 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.type2 import singularity_measure
+from framework.numerics.ordered_sums import singular_values
+from framework.singularity.type2 import signed_measure
 from framework.tolerances import RANK_LOST
 
 SINGULAR_VALUE_FLOOR = 1e-30  # least divisor: its inverse is huge, but does not overflow when squared
@@ -36,7 +36,7 @@ class Distances(NamedTuple):
     NaN unless the platform has two or three coordinates of one kind, and as many motors.
     """
 
-    g: Array  # (T,) smallest singular value of P with the sign of det P, see `singularity_measure`
+    g: Array  # (T,) smallest singular value of P with the sign of det P, see `signed_measure`
     sigma_A: Array  # (T,) smallest singular value of A, dimensionless, 0 .. 1
     torque_norm: Array  # (T,) largest 2-norm of all motor torques, joint side
     torque_largest: Array  # (T,) largest torque of a single motor, joint side
@@ -53,20 +53,23 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    sigma_A = least_singular_values(A)  # (T,)
-    if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
-        A = np.linalg.pinv(B) @ A
-        B = np.eye(robot.n_a)
-
     # v = J dq_a with J = A^-1 B = V S^-1 U' B (T, n, n_a) and A = U S V'
     U, values, V_rows = np.linalg.svd(A, full_matrices=False)
+    sigma_A = values[:, -1]
+    if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
+        U, values, V_rows = np.linalg.svd(np.linalg.pinv(B) @ A, full_matrices=False)
+        B = np.eye(robot.n_a)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     J = V_rows.swapaxes(1, 2) @ (inverse[:, :, None] * (U.swapaxes(1, 2) @ B))
 
     torque_norm, torque_largest = _worst_torques(robot, J, V_rows, values, np.ones(robot.n_a))
-    motor_norm, motor_largest = _worst_torques(robot, J, V_rows, values, robot.gear_ratio)
+    gear = robot.gear_ratio
+    if (gear == gear[0]).all():
+        motor_norm, motor_largest = torque_norm / gear[0], torque_largest / gear[0]
+    else:
+        motor_norm, motor_largest = _worst_torques(robot, J, V_rows, values, gear)
     return Distances(
-        g=singularity_measure(robot, linearised).g,
+        g=signed_measure(robot, linearised),
         sigma_A=sigma_A,
         torque_norm=torque_norm,
         torque_largest=torque_largest,

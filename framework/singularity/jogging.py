@@ -266,7 +266,7 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
     try:
-        followed = follow_path(robot, Line(start.x[0], target), q)
+        followed = follow_path(robot, Line(start.x[0], target), start.linearised)
         q = followed.last.q[0]
         linearised = followed.last.linearised
         if followed.complete:

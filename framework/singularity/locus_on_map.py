@@ -20,7 +20,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.modes import leg_signs
+from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.singularity.curve_tracing import LocusEquations, chord_offsets
@@ -29,6 +29,7 @@ from framework.tolerances import DISTINCT_SOLUTIONS
 
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
+TYPE_2_KINDS = ("type_2", "self_motion")  # of a `LocusCurve`, on which motors lose hold of the platform
 # index offsets (9, 2) of a cell (the first) and its eight neighbours
 NINE_CELLS = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])
 
@@ -54,6 +55,12 @@ class MapCurve(ReadOnlyArrays):
 
     x: Array  # (m, 2) platform coordinates on the map's two axes
     q: Array  # (m, nq)
+    kind: str  # as in `LocusCurve`
+
+    @property
+    def is_type2(self) -> bool:
+        """Whether the motors lose hold of the platform, not the loops or a leg of its joints."""
+        return self.kind in TYPE_2_KINDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +78,10 @@ class MapLocus(ReadOnlyArrays):
         """The result in words."""
         if self.why_not:
             return f"not traced: {self.why_not}"
-        count = len(self.curves)
+        count = sum(curve.is_type2 for curve in self.curves)
         curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
+        if count < len(self.curves):
+            curves += f" of Type 2 and {len(self.curves) - count} of the loops or legs themselves"
         if self.sign_changes:
             missed = len(self.unexplained)
             rest = f"at {missed} no curve passes" if missed else "all explained"
@@ -257,10 +266,24 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     turns = x[:, ~equations.robot.translations[axes]]
     is_jump = (np.abs(np.diff(turns, axis=0)) > np.pi).any(axis=1)  # (m - 1,) from pi to -pi
     leaves_or_enters = is_off[1:] != is_off[:-1]
-    breaks = np.flatnonzero(is_jump | leaves_or_enters) + 1
+    breaks = np.flatnonzero(is_jump | leaves_or_enters | _leaves_mode(equations.robot, curve)) + 1
 
     parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
-    return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
+    parts = [part for part in parts if len(part) > 1 and is_on[part].any()]
+    return [MapCurve(x[part], curve.q[part], curve.kind) for part in parts]
+
+
+def _leaves_mode(robot: ParallelRobot, curve: LocusCurve) -> BoolArray:
+    """Return whether a curve of m points leaves its working mode after each but the last, (m - 1,).
+
+    Only where equations are combinations: then tracing cannot cut the curve, as a leg's determinant has no
+    sign at one pose by itself.
+    """
+    if not robot.structure.varies or curve.kind not in TYPE_2_KINDS:
+        return np.zeros(len(curve.q) - 1, dtype=bool)
+    states = ModeStates.of(robot, linearised_at(robot, curve.q))
+    starts, ends = select(states, slice(None, -1)), select(states, slice(1, None))
+    return ~share_working_mode(robot, starts, ends)
 
 
 class _Neighbours(NamedTuple):

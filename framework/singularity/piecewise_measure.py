@@ -21,11 +21,12 @@ from numpy.polynomial import chebyshev
 
 from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
+from framework.kinematics.continuation.path_sheet import SHEET_NODES, panel_nodes
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.chebyshev import PANEL_NODES, coefficients, extrema, nodes, real_roots, tail
+from framework.numerics.chebyshev import coefficients, derivative_matrix, extrema, real_roots, tail
 from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.bordered_system import bordered_solution, determinant
+from framework.singularity.bordered_system import Border, bordered_solution, determinant, solve_bordered
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
@@ -42,10 +43,23 @@ class MeasuredMatrix:
     # loops at the nodes of panels, by start and end: a cache that several matrices of one branch may share
     panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
 
+    @staticmethod
+    def along(branch: Branch, matrix: Callable[[LinearisedLoops], Array]) -> MeasuredMatrix:
+        """Return a matrix along a branch, whose panels are closed; a continuation replaces their poses."""
+        panels = () if branch.continuations else branch.panels
+        closed = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in panels}
+        return MeasuredMatrix(branch, matrix, panel_loops=closed)
+
+    @property
+    def edges(self) -> list[float]:
+        """Ends in s of the branch's panels, then the knots of the path behind them, 1 included."""
+        ends = [0.0, *(float(panel.s[-1]) for panel in self.branch.panels)]
+        return [*ends, *(float(knot) for knot in self.knots if knot > ends[-1])]
+
     def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops at the nodes (T = PANEL_NODES) of a panel from start to end, in s."""
+        """Return the linearised loops at the nodes (T = SHEET_NODES) of a panel from start to end, in s."""
         if (start, end) not in self.panel_loops:
-            self.panel_loops[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
+            self.panel_loops[start, end] = self.branch.close(panel_nodes(start, end)).linearised
         return self.panel_loops[start, end]
 
     def evaluate(self, s: Array) -> Array:
@@ -91,8 +105,9 @@ class Panel:
 
     start: float  # s
     end: float  # s
-    series: Array  # (PANEL_NODES,) Chebyshev coefficients of g
-    matrices: Array  # (PANEL_NODES, n, n) at the nodes
+    series: Array  # (SHEET_NODES,) Chebyshev coefficients of g
+    matrices: Array  # (SHEET_NODES, n, n) at the nodes
+    border: Border  # of g
 
     def path_coordinates(self, local: Array) -> Array:
         """Convert local coordinates (T,) in [-1, 1] to path coordinates s (T,)."""
@@ -108,30 +123,31 @@ class Panel:
         """The local coordinates in [-1, 1] of the extrema of g."""
         return extrema(self.series)
 
+    def slope(self, s: float) -> float:
+        """Compute dg/ds at s."""
+        local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
+        slopes = derivative_matrix(SHEET_NODES) @ self.series  # over the local coordinate
+        return float(chebyshev.chebval(local, slopes)) * 2 / self.width
+
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
         local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
-        polynomials = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1)[0]  # (PANEL_NODES,)
+        polynomials = chebyshev.chebvander(np.array([local]), SHEET_NODES - 1)[0]  # (SHEET_NODES,)
         # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
-        weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # (PANEL_NODES,) of the nodes' matrices
+        weights = polynomials @ coefficients(np.eye(SHEET_NODES))  # (SHEET_NODES,) of the nodes' matrices
         return np.tensordot(weights, self.matrices, axes=1)
-
-
-def _panel_nodes(start: float, end: float) -> Array:
-    """Return the Chebyshev nodes (PANEL_NODES,) of a panel from `start` to `end`, all in s."""
-    return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
 def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
 
-    The first panels lie between the knots of the `measured` matrix.
+    The first panels are those of the branch, and beyond them those between the knots of the path.
 
     Raises:
         Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.knots))[::-1]  # a stack of starts and ends, the first panel on top
+    waiting = list(pairwise(measured.edges))[::-1]  # a stack of starts and ends, the first panel on top
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
@@ -193,9 +209,10 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         matrices = measured.matrix(measured.loops(start, end))
     except NotAssembled:
         return None
-    middle = PANEL_NODES // 2  # this node's border is used on the whole panel
+    middle = SHEET_NODES // 2  # this node's border is used on the whole panel
     for size in range(1, measured.border_width(matrices[middle]) + 1):
-        solution = bordered_solution(matrices, border_of=middle, size=size)
+        border = Border.of(matrices[middle], size)
+        solution = solve_bordered(matrices, border)
         g = solution.g
         largest = np.abs(g).max()
         # det G of a wide border is also small where all singular values of G are small but not zero
@@ -207,7 +224,7 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         series = coefficients(g[:, None])
         # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved
         if tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
-            return Panel(start, end, series[:, 0], matrices)
+            return Panel(start, end, series[:, 0], matrices, border)
     return None
 
 
@@ -228,7 +245,7 @@ class Extremum(NamedTuple):
     rounding: float  # of g
     start: float  # s at which the panel begins
     end: float  # s at which the panel ends
-    series: Array  # (PANEL_NODES,) Chebyshev coefficients of g on [start, end]
+    series: Array  # (SHEET_NODES,) Chebyshev coefficients of g on [start, end]
 
     @property
     def is_touch(self) -> bool:
@@ -337,11 +354,11 @@ def extremum_near(
     for _ in range(max_panels):
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
-        stack = matrices(np.append(_panel_nodes(start, end), s))
+        stack = matrices(np.append(panel_nodes(start, end), s))
         values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
         # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
-        rounding = max(np.abs(series[-PANEL_NODES // 3 :]).sum(), MEASURE_ROUNDING)
+        rounding = max(np.abs(series[-SHEET_NODES // 3 :]).sum(), MEASURE_ROUNDING)
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)

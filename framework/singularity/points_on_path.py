@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotConverged, Type1Singularity
+from framework.errors import InvalidInput, Type1Singularity
 from framework.kinematics.assembly import MAX_ITERATIONS
-from framework.kinematics.closures import scaled_equations
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    moving_loops,
     passive_matrix,
     type1_matrix,
     type2_matrix,
@@ -48,22 +46,33 @@ from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
-    """A point of the path at which the motors do not hold the robot, springs at rest.
+    """A point of the path at which the motors do not hold the robot, springs at rest or deflected.
 
     Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
-    `resolution` is None for transversal points, and where it was not measured.
+    `resolution` is None for transversal points, and where it was not measured. At a point that the user
+    imposes (contact "imposed") the pose need not be singular; its motion is the least controlled one.
     """
 
     s: float
     kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
-    contact: str  # of the path with the locus: transversal or tangential
+    contact: str  # of the path with the locus: transversal, tangential or imposed
     corank: int  # number of motions that escape at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,) coordinates x
     slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
-    q: Array  # (nq,)
     motion: Array  # (nv,) joint rates of the twist
+    pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,)."""
+        return self.pose.frames.q[0]
+
+    @property
+    def is_imposed(self) -> bool:
+        """Whether the user imposes the point."""
+        return self.contact == "imposed"
 
 
 class SearchedPath(NamedTuple):
@@ -107,12 +116,6 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     type2 = replace(type1, matrix=partial(type2_matrix, robot), power=1 if is_square else 2)
     try:
         resolved = resolve_panels(type2)
-        has_continuations = type2.branch is not branch  # `_measure_type_1` has added them
-        if not has_continuations:  # the configurations at the nodes of the panels give better guesses
-            edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([type2.loops(panel.start, panel.end).frames.q for panel in resolved])
-            branch = branch.through(edges, q)
-            type2 = replace(type2, branch=branch)
         contacts = find_contacts(type2, resolved)
         misses = find_near_misses(type2, resolved, contacts)
     except Unresolved as unresolved:
@@ -161,7 +164,7 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix.along(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
@@ -253,30 +256,6 @@ def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Except
     return escape_error(branch.robot, s, branch.path(s), count, reason)
 
 
-def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if dropped loop equations are needed at s, where the loops are `linearised`.
-
-    Equations are dropped if they are redundant at the reference. They are needed where the independent ones
-    have a lower rank than all equations together. In an overconstrained robot the linear dependences among
-    the loop equations change as the robot moves. So equations that suffice at the reference need not suffice
-    everywhere.
-    """
-    robot = branch.robot
-    if not len(robot.structure.dropped):
-        return
-    all_loops = scaled_equations(robot, robot.rows, linearised.frames).jacobian[0]  # (rows, nv)
-    all_values = singular_values(all_loops[:, robot.moving])
-    values = singular_values(moving_loops(robot, linearised)[0])
-    if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
-        dropped = [robot.rows.names[k] for k in robot.structure.dropped]
-        raise NotConverged(
-            f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
-            f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "
-            f"this place",
-            residual=float(values[-1]),
-        )
-
-
 def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
@@ -285,7 +264,6 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     """
     branch = type1.branch
     linearised = branch.close(s).linearised
-    _check_dropped_rows(branch, s, linearised)
     type1_value = least_singular_values(type1.matrix(linearised)[0])
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
     # Type 1 if only its own matrix is singular. s is exact only to rounding, so its least value is not zero
@@ -300,10 +278,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
-    points = stencil(s)
-    closed = branch.close(points)
-    linearised = closed.linearised.select(1)  # at s, the middle of the stencil
-    _check_dropped_rows(branch, s, linearised)
+    linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     path_twist = branch.robot.platform.path_twist(branch.path, s)
     sign = sign_along(uncontrolled.twist, path_twist)  # turns the twist along the path
@@ -314,27 +289,26 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
         corank=uncontrolled.corank,
         twist=sign * uncontrolled.twist,
         platform=branch.path(s),
-        slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
-        q=linearised.frames.q[0],
+        slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
         motion=sign * uncontrolled.motion,
+        pose=linearised,
         resolution=contact.resolution,
     )
 
 
-def _slope_at(passive: MeasuredMatrix, s: float, linearised: LinearisedLoops, corank: int) -> float:
+def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
     If several motions escape, the result is the least slope of their singular values, without sign.
 
     Args:
         passive: the matrix of the passive columns.
-        linearised: the loops on the `stencil` of s (T = 3).
         corank: number of motions that escape at s.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
     points = stencil(s)
-    P = passive.matrix(linearised)  # (3, n_p, n_p)
+    P = passive.evaluate(points)  # (3, n_p, n_p)
     local = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
         return local.slope

@@ -11,13 +11,20 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from framework.kinematics.assembly import MAX_ITERATIONS
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution, root_of_g
+from framework.singularity.bordered_system import (
+    DIFFERENCE_STEP,
+    Border,
+    bordered_solution,
+    root_of_g,
+    solve_bordered,
+)
 from framework.singularity.piecewise_measure import (
+    Candidate,
     Extremum,
     MeasuredMatrix,
     Panel,
@@ -33,6 +40,8 @@ from framework.tolerances import (
     TANGENTIAL_SLOPE,
 )
 
+ROOT_ROUNDING = 2e-14  # in s: a shorter Newton step to a root of g is rounding
+
 
 class Contact(NamedTuple):
     """A point of the path at which the matrix loses rank.
@@ -40,12 +49,14 @@ class Contact(NamedTuple):
     `kind` is transversal if every vanishing singular value has a nonzero slope along the path, so that its
     signed value changes sign. Otherwise it is tangential. Two roots closer together than `resolution`, in s,
     cannot be told from this tangential contact. `resolution` is None for transversal contacts, and where it
-    was not measured.
+    was not measured. A simple root of g also has its slope and its pose.
     """
 
     s: float
     kind: str
     resolution: float | None = None
+    slope: float | None = None  # dg/ds, where g has the sign of the determinant
+    pose: LinearisedLoops | None = None  # the closed loops at s, T = 1
 
 
 class NearMiss(NamedTuple):
@@ -61,8 +72,9 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
-    so they need not be refined again. Where several singular values vanish at once, g has a multiple root,
-    and the contact is located by the entries of the block G instead.
+    so they need not be refined again. Simple roots are refined with their panel's slope. Where several
+    singular values vanish at once, g has a multiple root, and the contact is located by the entries of the
+    block G instead.
 
     Args:
         measured: the matrix along the branch, whose loss of rank g measures.
@@ -87,15 +99,57 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-            if not root.converged or any(stretch.contains(root.place) for stretch in stretches):
+            root = _simple_root(measured, candidate) if size == 1 else None
+            root = root or _general_root(measured, candidate, size)
+            if root is None or any(stretch.contains(root.s) for stretch in stretches):
                 continue
             # a root at the edge of two panels is found twice
-            if _is_apart(root.place, single, SAME_PLACE) and _loses_rank(measured, root.place, size):
-                single.append(Contact(root.place, "transversal"))
+            if _is_apart(root.s, single, SAME_PLACE) and _loses_rank(measured, root.s, size):
+                single.append(root)
     # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
+
+
+def _general_root(measured: MeasuredMatrix, candidate: Candidate, size: int) -> Contact | None:
+    """Find the root of det G near a candidate by differences; None if Newton's method leaves it."""
+    root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+    return Contact(root.place, "transversal") if root.converged else None
+
+
+def _simple_root(
+    measured: MeasuredMatrix,
+    candidate: Candidate,
+    *,
+    max_poses: int = 4,
+    longest_step: float = 1e-5,  # in s; the panel's own root is off by its truncation error
+    # least |dg/ds| for which rounding of g, 1e-15, moves the root by less than SAME_PLACE
+    least_slope: float = 1e-6,
+) -> Contact | None:
+    """Refine a simple root of a panel's g at its own poses; None if it is not one.
+
+    Newton's method takes dg/ds from the panel's series. Let u, v be the singular vectors of the matrix at the
+    root. With their border, g is (b . u) (c . v) times the g of the panel's border b, c.
+    """
+    panel, s = candidate.panel, candidate.s
+    if panel.border.b.shape[1] > 1:
+        return None
+    for _ in range(max_poses):
+        pose = measured.branch.close(np.array([s])).linearised
+        matrix = measured.matrix(pose)  # (1, n, n)
+        border = Border.of(matrix[0])
+        factor = float(np.sum(panel.border.b * border.b) * np.sum(panel.border.c * border.c))
+        slope = factor * panel.slope(s)
+        if abs(slope) < least_slope:
+            return None
+        step = -float(solve_bordered(matrix, border).g[0]) / slope
+        s += step
+        if abs(step) > longest_step or not 0.0 < s < 1.0:
+            return None
+        if abs(step) < ROOT_ROUNDING:
+            # the sign of a singular matrix is rounding, and so is that of the factor
+            return Contact(s, "transversal", slope=abs(factor) * panel.slope(s), pose=pose)
+    return None
 
 
 def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
@@ -106,7 +160,7 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
         resolved: the panels of g along the whole path.
         known: the contacts.
     """
-    least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (PANEL_NODES,) each
+    least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (SHEET_NODES,) each
     # no near miss above this share of the largest; with power 2 singular values are squares
     level = NEAR_MISS**measured.power * np.max(least_values)
     candidates = [
@@ -165,8 +219,10 @@ def _miss_at_end(
     """
     matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
-    value = chebyshev.chebval(outwards, panel.series)
-    slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
+    degrees = np.arange(len(panel.series))
+    at_end = panel.series * outwards**degrees  # T_k(1) = 1 and T_k(-1) = (-1)^k
+    value = at_end.sum()
+    slope = outwards * (at_end @ degrees**2)  # T_k'(1) = k^2
     if least_singular_values(matrix) >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
     # distance in s over which g changes by its own value, if it is linear; local coordinates span 2

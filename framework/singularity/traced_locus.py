@@ -25,7 +25,7 @@ import numpy as np
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import assembled_at, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at
 from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
@@ -42,6 +42,7 @@ from framework.singularity.curve_tracing import (
     passes_point,
     trace_curve,
 )
+from framework.singularity.type2 import PRECEDENCE, escaping_motions
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
@@ -74,7 +75,9 @@ class LocusCurve(ReadOnlyArrays):
     x: Array  # (m, n)
     motors: Array  # (m, n_a) joint side, continuous over whole turns
     modes: Array  # (m, legs) working mode: the sign of each leg's determinant, which changes at Type 1
-    kind: str  # type_2; self_motion if the motors rest all along; joints_only if the platform rests all along
+    # type_2; closure, constraint or leg_passive as in `type2.PRECEDENCE`; self_motion if the motors rest all
+    # along; joints_only if the platform rests all along
+    kind: str
     closed: bool
     # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
     # rank); or long (too many points)
@@ -199,7 +202,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
-    kind = "type_2"
+    kind = _kind_at(robot, linearised.select(len(x) // 2))
     if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
     elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
@@ -216,6 +219,12 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
         cusps=_find_cusps(equations, points) if kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
+
+
+def _kind_at(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
+    """Return the kind of the singularity at a point of a curve (T = 1), the first of PRECEDENCE."""
+    kinds = escaping_motions(robot, linearised, at_least=1).kinds
+    return next((kind for kind in PRECEDENCE if kind in kinds), "type_2")
 
 
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
@@ -321,12 +330,12 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
     the left null vector of F'. On the null space this is a quadratic form of two variables.
     """
-    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border).slopes[0])
+    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border, crossing.bases).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
     null_space = svd.Vh[-2:]  # (2, k) orthonormal
     steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])  # (4, k) ahead, then back
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
-    slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
+    slopes = equations.evaluate(equations.move(centre.q, steps), centre.border, centre.bases).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
     # (2, 2) matrix of y . F"(w, w); symmetric up to the error of the differences
     form = left_null @ changes @ null_space.T

@@ -25,7 +25,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
@@ -175,6 +175,14 @@ def has_signed_measure(robot: ParallelRobot) -> bool:
     return robot.n_p > 0 and robot.n_a == robot.n
 
 
+def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the g (T,) of `singularity_measure` alone, in half of the time."""
+    P = type2_matrix(robot, linearised)
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+        return np.ones(len(P))
+    return np.asarray(least_singular_values(P) * np.linalg.slogdet(P).sign)
+
+
 class SingularityMeasure(NamedTuple):
     """The measure g and the least controlled motion, at T configurations."""
 
@@ -226,6 +234,8 @@ def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: 
     transposed_border = Border(border.c, border.b)
     psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
-    force_changes = loop_curvature(robot, robot.loops, linearised.frames, multipliers)  # (T, nv, nv)
+    force_changes = loop_curvature(
+        robot, robot.spanning_loops, linearised.frames, linearised.spread(multipliers)
+    )  # (T, nv, nv)
     by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
     return MeasureGradient(solution.G[:, 0, 0], eta, by_q)

@@ -1,12 +1,16 @@
 """The nearest singular pose: for the 5R the nearest point of the curve on which its rods are in line."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 import robots
 from framework import InvalidInput, assemble
+from framework.atlas import nearest
 from framework.atlas.nearest import nearest_singular_pose
+from framework.atlas.sweep import PoseReason
 from framework.kinematics.linearised_loops import assembled_at
 from framework.singularity.distances import singularity_distances
 from tests.oracles import five_bar_pose
@@ -100,3 +104,20 @@ def test_what_has_no_margin_is_told_so(name, within, told):
     robot = robots.load(name)
     with pytest.raises(InvalidInput, match=told):
         nearest_singular_pose(robot, robot.reference, within=within)
+
+
+def test_bisection_comes_as_near_to_a_change_of_sign_as_its_last_step():
+    """g changes its sign at places x of rays from 0 to 1, and each step along them arrives."""
+    places = np.random.default_rng(0).uniform(0.0, 1.0, 60)
+    rays = np.arange(60.0)  # q is the ray's number and the place on it
+    centre = SimpleNamespace(
+        signs_of_g=lambda q: np.sign(places[q[:, 0].astype(int)] - q[:, 1]),
+        step=lambda q, start, end: SimpleNamespace(
+            reason=np.full(len(q), PoseReason.REACHED), q=np.column_stack([q[:, 0], end])
+        ),
+    )
+    segments = nearest._RaySegments(np.column_stack([rays, 0 * rays]), np.zeros((60, 1)), np.ones((60, 1)))
+    for halvings in (3, 12):
+        reached = nearest._bisect_segments(centre, segments, halvings).start[:, 0]
+        assert (reached < places).all()
+        assert (places - reached < 0.5**halvings).all()

@@ -312,3 +312,29 @@ def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
         assert turns_apart(robot, expected[told], step.q[told]).max() < 1e-5
     assert asked > size**2 / 2
     assert refused < 1.5 * size  # beside a stretched leg, on the rim, no single step is trusted
+
+
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.292, 0.03),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ((0.1, 0.345), (0.15, -0.34), (0, 0.457))),
+    ],
+)
+def test_the_default_window_holds_all_of_the_workspace_wherever_the_reference_is(point):
+    """The tip of the 5R is at most two links, 0.5 m, from both motors, at (-0.2, 0) and (0.2, 0)."""
+    reference = {}
+    for name, motor, side in (("left", -0.2, 1), ("right", 0.2, -1)):  # elbows outward
+        way = np.array(point) - (motor, 0.0)
+        bend = np.arccos(np.linalg.norm(way) / 0.5)
+        reference[f"{name}_motor"] = np.arctan2(way[1], way[0]) + side * bend
+        reference[f"{name}_elbow"] = -2 * side * bend
+    robot, centre = (
+        ParallelRobot.from_file(robots.CATALOGUE["five_bar"].file, reference=reference),
+        np.array(point),
+    )
+    found, sought = survey_window(robot), 1.6 * robot.length
+    corner = np.array([0.3, np.sqrt(0.5**2 - 0.2**2)])
+    assert (found.lower <= np.maximum(-corner, centre - sought) + 1e-9).all()
+    assert (found.upper >= np.minimum(corner, centre + sought) - 1e-9).all()
+    assert (found.upper - found.lower < 2 * corner + 0.1).all()

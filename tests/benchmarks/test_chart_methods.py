@@ -57,6 +57,13 @@ def test_pinocchio_alone_has_the_same_table():
     assert one.error == pytest.approx(other.error, rel=1e-6)
 
 
+@pytest.mark.parametrize("method", ["forces", "pinocchio_forces", "constraint", "pinocchio_nodes"])
+def test_all_who_solve_on_the_nodes_are_right_there(method):
+    found = row("torque", method, 64)
+    assert max(found.error, *found.profile) < 1e-11  # constraintDynamics loses three digits
+    assert row("torque", method, 16).error > 1e6 * found.error
+
+
 def test_tables_that_are_doubled_are_as_right_as_they_agree_and_know_a_pole():
     assert row("torque", "doubled", 1e-9).error < 1e-9
     assert row("torque", "certified", 1e-6).error < 1e-12

@@ -1,15 +1,45 @@
 """The control cycle against forward kinematics and the dynamics of one instant, for every robot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, dynamics_at, forward_kinematics
-from framework.control import ControlCycle
+from framework import (
+    InvalidInput,
+    NotAssembled,
+    ParallelRobot,
+    Type2Singularity,
+    assemble,
+    dynamics_at,
+    forward_kinematics,
+)
+from framework.control import ControlCycle, control_cycle
 from tests.dynamics.test_dynamics_derivatives import OTHERS, STAGES
+from tests.kinematics.test_couplings import cardan_in
 
 REDUNDANT = ("two_arms", "standing_quadruped")  # their motors depend on one another
 CASES = [case for case in STAGES if getattr(case, "values", (case,))[0][0] not in REDUNDANT]
+
+
+def geared(folder):
+    """Two links with a gear whose ratio rounds: an error of its rows grows from one update to the next."""
+    description = cardan_in(folder).description
+    (coupling,) = description.couplings
+    return ParallelRobot.from_description(replace(description, couplings=(replace(coupling, ratio=-1.7),)))
+
+
+OTHERS = OTHERS | {"couplings": geared}
+
+
+def test_a_geared_joint_is_closed_without_another_search(tmp_path, monkeypatch):
+    cycle = ControlCycle(robot := geared(tmp_path))
+    monkeypatch.setattr(control_cycle, "forward_kinematics", None)
+    for q_a, dq_a, _ in zip(*swing(robot, count=90), strict=True):
+        cycle.update(q_a, dq_a)
+        np.testing.assert_allclose(cycle.q, [q_a[0], -1.7 * q_a[0]], rtol=0, atol=1e-14)
+        np.testing.assert_allclose(cycle.v, [dq_a[0], -1.7 * dq_a[0]], rtol=1e-13)
 
 
 @pytest.fixture(params=[*CASES, *(pytest.param((name,), id=name) for name in OTHERS)])

@@ -288,6 +288,25 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
+def test_runs_are_stored_in_chunks_of_at_most_25(tmp_path, monkeypatch):
+    chunks, whole = [], study_module.run_chunk
+
+    def one_run(controller, loop, spread, seed, chunk, *rest):
+        chunks.append(len(chunk))
+        if len(chunks) == 2:
+            raise KeyboardInterrupt
+        return {
+            key: np.repeat(value, len(chunk), 0)
+            for key, value in whole(controller, loop, spread, seed, chunk[:1], *rest).items()
+        }
+
+    monkeypatch.setattr(study_module, "run_chunk", one_run)
+    words = [*SHORT, "--runs", "60", "--period", "1e-2", "--workers", "1", "--out", str(tmp_path)]
+    assert main(words) == 130
+    assert chunks == [25, 25]
+    assert len(list(tmp_path.rglob("*.npz"))) == 1
+
+
 @pytest.mark.slow
 def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
     words = [*SHORT, "--period", "1e-2", "--out", str(tmp_path)]
@@ -426,3 +445,20 @@ def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, refusal
     (tmp_path / "robustness.json").write_text(json.dumps(saved))
     err = refusal(2, "robustness", tmp_path, "--replay", "0", "--controller", "lqr")
     assert "robustness.json" in err or str(tmp_path) in err
+
+
+def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
+    write_robot, crossing, tmp_path
+):
+    file = write_robot(*((f"actuators.{k}.torque_limit", 0.1) for k in range(2)))  # the law needs 0.16
+    plan = tmp_path / "lifted"
+    assert crossing("plan", file, "--scene", "C", "--torque-limit", "none", "--out", plan)[0] == 0
+    short = ("robustness", plan, "--runs", "2", "--period", "5e-3")
+    code, lifted, _ = crossing(*short)
+    assert code == 0
+    assert "100.0%" in lifted
+    assert "exceeds" not in lifted
+    _, bound, _ = crossing(*short, "--limit", "0.1")
+    assert (
+        "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
+    )

@@ -38,23 +38,6 @@ def test_the_last_change_is_part_of_the_verdict(monkeypatch):
         plan_scene(robot, "C")
 
 
-def test_passes_of_all_grids_count():
-    plan = plan_scene(robots.load("four_bar", flexibility="flexible_links"), "dead_point")
-    grids = []
-
-    def counted(branch, grid, *arguments, **options):
-        state = elasticity.solve_deflections(branch, grid, *arguments, **options)
-        grids.append((grid.size, state.passes))
-        return state
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("framework.dynamics.inverse_dynamics.solve_deflections", counted)
-        again = plan_scene(robots.load("four_bar", flexibility="flexible_links"), "dead_point")
-    assert len(grids) > 1
-    assert again.certificate.passes == sum(passes for _, passes in grids) == plan.certificate.passes
-    assert all(passes == 1 for _, passes in grids[:-1])  # of the undeformed robot, which they do not resolve
-
-
 def hurried(duration: float) -> str:
     """What is said of scene C of the 5R in this time."""
     robot, path = robots.load("five_bar", flexibility="flexible_links"), Line([0.1, 0.345], [-0.05, 0.195])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, assemble, dynamics_at, forward_dynamics
+from framework import InvalidInput, assemble, dynamics_at, forward_dynamics, simulate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.simulation import Stepper
 from tests.oracles.equations_of_motion import defects
@@ -97,6 +97,25 @@ def test_what_cannot_be(robot, changed, words):
     given = {"q": assemble(robot).q, "v": np.zeros(4), "torque": np.zeros(2)} | changed
     with pytest.raises(InvalidInput, match=words):
         forward_dynamics(robot, given["q"], given["v"], given["torque"], wrenches=given.get("wrenches"))
+
+
+@pytest.mark.parametrize("method", ["reference", "stiff", "fast"])
+@pytest.mark.parametrize("name", ["four_bar", "delta"])
+def test_what_a_simulation_returns_is_accepted_from_rest_on(name, method):
+    robot = robots.load(name)
+    motion = simulate(robot, lambda t: np.zeros(robot.n_a), duration=0.05, method=method)
+    torque = np.zeros((len(motion.q), robot.n_a))
+    assert np.isfinite(forward_dynamics(robot, motion.q, motion.v, torque).a).all()
+
+
+def test_a_velocity_that_opens_the_loops_is_refused_by_both():
+    robot = robots.load("four_bar")
+    v = np.zeros(robot.nv)
+    v[0] = 5.0  # the crank alone
+    with pytest.raises(InvalidInput, match="start_velocity: the loops of four_bar open with"):
+        simulate(robot, lambda t: np.zeros(1), start_velocity=v, duration=0.01)
+    with pytest.raises(InvalidInput, match="v: the loops of four_bar open with"):
+        forward_dynamics(robot, robot.reference.q, v, np.zeros(1))
 
 
 def test_on_the_locus_it_is_regular(robot):

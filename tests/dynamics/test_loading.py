@@ -4,6 +4,7 @@ from functools import cache
 
 import mpmath
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -13,7 +14,8 @@ from framework.dynamics.loaded_measure import measure_softening
 from framework.dynamics.loading import LoadReason, loaded_stack
 from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.stiffness import least_stiffness
-from framework.kinematics.frames import frames_at
+from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium
+from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.planning.refusals import LeastSoftening, StaticFold
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import NEWTON_STEP
@@ -270,3 +272,31 @@ def test_a_plan_is_refused_with_the_least_softening_along_the_path():
     assert isinstance(least, LeastSoftening)
     assert 0.5 < least.rho < 0.6
     plan_crossing(asked.robot(1.0), asked.path, duration=asked.duration, law="optimal")
+
+
+def test_the_stiffness_under_a_force_and_a_moment_is_that_of_an_energy_on_closed_loops():
+    """Second differences of V - w . x of a 3-RPR, along motions that are closed again by shortest steps."""
+    robot = robots.load("three_rpr", flexibility="flexible_joints")
+    w = np.array([40.0, -30.0, 25.0])
+    q = robot.reference.q[None]
+    load = Load(check_wrench(robot, w), np.ones(1), np.zeros((1, robot.nv)))
+    at = evaluate_equilibrium(robot, q, load)
+    lengths = robot.column_scale[robot.unlocked]
+    data = robot.model.createData()
+
+    def energy(step):
+        """V - w . x after a step (f,) from q, closed."""
+        there = integrate_columns(robot, q, robot.unlocked, (step * lengths)[None])
+        for _ in range(4):
+            closing = evaluate_equilibrium(robot, there, load).closing_step
+            there = integrate_columns(robot, there, robot.unlocked, closing * lengths)
+        offset = difference(robot, robot.reference.q, there[0])
+        springs = 0.5 * robot.all_stiffness @ offset**2
+        weight = pin.computePotentialEnergy(robot.model, data, there[0])
+        return springs + weight - w @ robot.platform.coordinates(frames_at(robot, there))[0]
+
+    h, Z = 1e-4, at.null_space[0]
+    for column in Z.T:
+        second = (energy(h * column) - 2 * energy(0 * column) + energy(-h * column)) / h**2
+        expected = column @ Z @ at.H[0] @ Z.T @ column
+        assert second == pytest.approx(expected, abs=1e-5 * np.abs(at.H).max())

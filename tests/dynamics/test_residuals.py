@@ -108,7 +108,7 @@ def test_the_command_line_says_no_in_one_line(tmp_path, capsys):
 def test_a_balanced_wheel_is_a_load_too_if_it_is_held_still():
     """Free, it would keep its direction; held, it has to turn with the rod."""
     description = robots.load("five_bar").description
-    robot = with_hinge(MASS, 0.01)
+    robot = with_hinge(MASS, 0.3)
     centred = replace(description, urdf_text=robot.description.urdf_text.replace(f'"{ARM} 0 0"', '"0 0 0"'))
     with pytest.raises(LoadedJoint, match="nothing holds hinge"):
         plan_crossing(ParallelRobot.from_description(centred), CLEAR, duration=1.5)

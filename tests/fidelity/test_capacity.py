@@ -12,6 +12,7 @@ from framework.cli import main
 from framework.cli.fidelity import capacity_lines
 from framework.fidelity.capacity import capacity_request
 from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.planning.refusals import LeastLimits, SearchEvidence
 from framework.planning.scenes import scene_path
 from framework.tolerances import LIMIT_MARGIN
 
@@ -114,6 +115,39 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
     assert found.proved == proved
     if decided:  # 6.1 times are planned, so that a bound of all laws must lie above
         assert 6.1 < found.impossible < 7.0
+
+
+@pytest.mark.parametrize(
+    ("peak", "most"),
+    [
+        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), 9),  # of the multiple m, over the limits
+        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, 12),
+        (lambda m: 3.0 + m, 20),  # evidence that misleads
+        (lambda m: 9.0 - m, 20),
+        (lambda m: 1.0, 20),
+    ],
+)
+def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, most):
+    """Planned up to 5.3 times the push: peaks that rise with it save plans, others do no harm."""
+    plan, tried = pushed(0.0), []
+
+    def planned(robot, request, **_):
+        (entry,) = request.external_wrenches.entries or (None,)
+        tried.append(multiple := 0.0 if entry is None else float(abs(entry.rows[..., -6:]).max()))
+        if multiple > 5.3:
+            raise NoLaw("none", proof="a proof", evidence=SearchEvidence(9, least_of(peak(multiple))))
+        return plan
+
+    monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
+    monkeypatch.setattr("framework.fidelity.capacity.find_refuting_bound", lambda task: "a proof")
+    robot, path = five_bar()
+    found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
+    assert found.multiple <= 5.3 < found.refused <= 1.001 * found.multiple
+    assert len(tried) <= most
+
+
+def least_of(peak):
+    return LeastLimits(torque_peak=peak, speed_peak=None, together=False, options=[])
 
 
 def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -323,3 +324,18 @@ def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
 
     assert error(enough) <= kept.tolerance
     assert all(error(one) > kept.tolerance for one in below)
+
+
+def test_springs_are_compared_as_shares_of_the_robot_s_length():
+    """8 mm of a robot of half a metre are more than a hundredth of a radian."""
+    robot = SimpleNamespace(
+        n_e=2,
+        elastic=np.array([1, 2]),
+        elastic_names=("drive", "rod"),
+        column_scale=np.array([1.0, 1.0, 0.5]),
+    )
+    motion = SimpleNamespace(
+        robot=robot, duration=1.0, deflection=lambda t: np.outer(np.sin(np.pi * t), [0.01, -0.008])
+    )
+    name, size = Comparison(LEVELS[0], motion, np.zeros(1), np.zeros(1)).deflection
+    assert (name, size) == ("rod", pytest.approx(0.008, rel=1e-3))

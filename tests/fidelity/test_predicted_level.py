@@ -1,21 +1,27 @@
 """What is predicted of each level without a simulation, against the simulations."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import robots
-from framework import InvalidInput, fidelity_study, plan_scene
+from framework import InvalidInput, UnboundedTorque, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
+from framework.dynamics.platform_wrench import platform_wrench
 from framework.fidelity.predicted_level import (
     Indicators,
     LevelError,
+    LevelMotion,
+    compute_indicators,
     predict_errors,
     predict_level,
     scene_level,
 )
 from framework.model.description import LEVELS
+from framework.planning.request import path_length
 from tests.fidelity.test_fidelity_study import PLANNED
 from tests.robots.every_robot import in_stages
 
@@ -60,18 +66,9 @@ def test_a_scene_of_another_duration_is_predicted_and_keeps_nothing():
 
 
 def test_a_motion_without_a_rigid_plan_may_need_everything():
-    assert predict_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
-
-
-def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosine():
-    """d" = (w d + lacking) / m: d = lacking / w (cosh(t sqrt(w / m)) - 1)."""
-    times, weight, mass = np.linspace(0.0, 2.0, 513), 3.0, 2.0
-    constant = np.ones((len(times), 1, 1))
-    dynamics = ErrorDynamics(-constant / mass, 0.0 * constant, constant * weight / mass)
-    off = open_loop_error(dynamics, times, np.full((len(times), 1), -0.1))[:, 0]
-    np.testing.assert_allclose(
-        off, 0.1 / weight * (np.cosh(times * np.sqrt(weight / mass)) - 1.0), rtol=1e-4, atol=1e-9
-    )
+    with pytest.raises(UnboundedTorque):
+        plan_scene(robots.load("five_bar"), "B")
+    assert predict_level(robots.load("five_bar").description, "B").level == LEVELS[-1].name
 
 
 def test_a_controller_that_is_stiffer_than_weight_makes_the_rod_swing():
@@ -102,3 +99,40 @@ def test_an_error_that_is_not_a_number_is_not_none():
     indicators = Indicators.of(errors)
     assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
     assert indicators.choose_level(0.1) == names[3]
+
+
+def test_open_loop_errors_are_those_of_an_equation_with_known_solution_to_second_order():
+    """d = (t^3, t^4 - t^2): the wrench that d" = B w + C d' + A d asks, with all three matrices changing."""
+
+    def error(count):
+        t = np.linspace(0.0, 1.5, count)
+        d = np.stack([t**3, t**4 - t**2], axis=1)
+        d1 = np.stack([3 * t**2, 4 * t**3 - 2 * t], axis=1)
+        d2 = np.stack([6 * t, 12 * t**2 - 2], axis=1)
+        wave = np.array([[np.cos(t), np.sin(2 * t)], [t, 1 + t**2]]).transpose(2, 0, 1)
+        B, C, A = np.eye(2) + 0.3 * wave, -0.5 * wave, wave.swapaxes(1, 2)
+        forcing = d2 - np.matvec(C, d1) - np.matvec(A, d)
+        wrench = np.linalg.solve(B, forcing[..., None])[..., 0]
+        return np.abs(open_loop_error(ErrorDynamics(B, C, A), t, wrench) - d).max()
+
+    assert error(101) < 2e-3
+    assert error(101) / error(201) == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_level_whose_torques_lead_the_robot_where_it_says_has_no_error_of_the_platform():
+    plan = plan_scene(robots.load("five_bar"), "A")
+    highest, times = plan.dynamics, np.linspace(0.0, plan.duration, 2049)
+    missing = 0.01 * np.sin(3.0 * times)[:, None] * [1.0, -0.5]  # [N m] of the level's torques
+    speed = platform_wrench(highest.robot, highest.motion(times)).motor_speed
+    wrench = np.einsum("tan,ta->tn", speed, missing)
+    displacement = CubicSpline(times, open_loop_error(error_dynamics(highest, times), times, wrench))
+    level = SimpleNamespace(
+        torques=lambda t: highest.torques(t) - 0.01 * np.sin(3.0 * t)[:, None] * [1.0, -0.5],
+        platform=lambda t: highest.platform(t) + displacement(t),
+    )
+    motions = {one.name: highest for one in LEVELS} | {"payload": level}
+    indicators = compute_indicators({k: LevelMotion(v, 0.0) for k, v in motions.items()}, None)
+    size = np.abs(displacement(times)).max()
+    assert size > 0.3 * path_length(highest.robot, highest.path)
+    share = missing.max() / np.abs(highest.torques(times)).max()  # of the torque
+    assert indicators.error["payload"] == pytest.approx(share, rel=1e-3)

@@ -151,3 +151,25 @@ def test_massless_bodies_are_left_out_unless_they_are_asked_for():
 def test_a_robot_with_springs_is_told_to_be_rigid():
     with pytest.raises(InvalidInput, match="rigid"):
         base_parameters(robots.load("five_bar", flexibility="flexible_links"))
+
+
+@pytest.mark.parametrize("name", ["five_bar_heavy", "delta", "slider_crank"])
+def test_base_parameters_stand_for_all_others_and_are_what_their_names_say(name):
+    """Torques with the leading parameter of each combination at its value, all others zero, are the same."""
+    robot = robots.load(name)
+    found, described = base_parameters(robot), torque_parameters(robot)
+    motion = random_motion(robot, 5, np.random.default_rng(2))
+    matrix = parameter_regressor(robot, motion, described).matrix
+    own = matrix @ described.values
+    leading = matrix[:, :, found.combinations.leading] @ found.values
+    np.testing.assert_allclose(leading, own, rtol=0, atol=1e-9 * np.abs(own).max())
+    in_file = dict(zip(described.names, described.values, strict=True))
+    for words, value in zip(found.names, found.values, strict=True):
+        if "terms" in words:  # shortened
+            continue
+        terms = [term.split() for term in words.replace("- ", "+ -").split(" + ")]
+        parts = []
+        for *factor, parameter in terms:
+            sign = -1.0 if parameter.startswith("-") else 1.0
+            parts.append(sign * float((factor or ["1"])[0]) * in_file[parameter.removeprefix("-")])
+        assert sum(parts) == pytest.approx(value, abs=1e-3 * np.abs(parts).max() + 1e-15)

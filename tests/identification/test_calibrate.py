@@ -194,3 +194,15 @@ def test_the_command_line_calibrates_and_writes_the_robot(tmp_path, capsys):
     assert "not seen by these data" in capsys.readouterr().out
     assert main(["calibrate", "five_bar", str(data), "--noise", "platform"]) == 2
     assert "KIND=VALUE" in capsys.readouterr().err
+
+
+def test_the_assumed_noise_drops_out_where_the_data_estimate_it():
+    """Few poses, so that the file's own deviations determine some parameters and the data the others."""
+    nominal = NOMINAL["five_bar"]
+    _, _, true = off_by(nominal, 4)
+    data = only(poses(true, nominal, 12, 3), *MEASURED)
+    one = calibrate(nominal, data)
+    two = calibrate(nominal, data, noise={kind: 3.0 * size for kind, size in NOISE.items()})
+    assert two.noise == pytest.approx(one.noise / 3.0, rel=1e-3)
+    assert two.degrees_of_freedom == pytest.approx(one.degrees_of_freedom, rel=1e-3)
+    np.testing.assert_allclose(two.deviations, one.deviations, rtol=1e-3)

@@ -32,6 +32,12 @@ def test_columns_of_the_robot_are_read_and_others_passed_over(tmp_path):
         data.columns("platform", ["x", "y"])
 
 
+def test_a_quote_without_an_end_is_named_by_the_line_in_which_it_begins(tmp_path):
+    torn = ROWS[0].replace("63.5", '"63.5')
+    with pytest.raises(InvalidInput, match=r"data.csv: line 5: not a row of CSV"):
+        read_recording(ROBOT, written(tmp_path, [HEADER, *ROWS, torn, *ROWS * 2000]))
+
+
 def test_motion_csv_is_a_recording(tmp_path):
     plan = plan_scene(ROBOT, "A")
     plan.to_csv(tmp_path / "motion.csv")

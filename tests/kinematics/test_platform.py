@@ -256,3 +256,44 @@ def test_a_turn_about_one_axis_of_a_leg_that_also_rolls_is_planned_with_its_true
     rate = plan.dynamics.velocity(t)[:, robot.coordinates.names.index("yaw")]
     np.testing.assert_allclose(rate, yaw, rtol=1e-7)
     assert simulate(robot, plan).tracking_error < 1e-9
+
+
+def test_rates_of_a_rotation_vector_turn_as_its_matrix():
+    """E dx against R(x + h) R(x - h)' of scipy, for large turns."""
+    platform, h = robots.load("gough_stewart").platform, 1e-6
+    for seed in range(3):
+        x = np.append(np.zeros(3), np.random.default_rng(seed).uniform(-1.5, 1.5, 3))
+        E = platform.rate_matrix(x[None])[0]
+        for k in range(3):
+            ahead, behind = (Rotation.from_rotvec(x[3:] + side * h * np.eye(3)[k]) for side in (1, -1))
+            np.testing.assert_allclose(E[3:, 3 + k], (ahead * behind.inv()).as_rotvec() / (2 * h), atol=1e-9)
+        np.testing.assert_allclose(E[:3], np.eye(6)[:3], atol=0)
+
+
+BALL = """<robot name="ball"><link name="base"/>
+  <link name="rod"><inertial><origin xyz="0.1 0.2 0.05"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="b" type="spherical"><parent link="base"/><child link="rod"/>
+    <origin rpy="0.3 0.5 -0.2"/></joint> <link name="crank"/>
+  <joint name="motor" type="continuous"><parent link="base"/><child link="crank"/></joint>
+</robot>"""
+BALL_FILE = """version: 1
+urdf: ball.urdf
+platform: {frame: rod, axes: [rx, ry, rz]}
+actuators: [{joint: motor}]
+closures: [{name: c, frames: [rod, crank], axes: [x]}]
+reference: {b_rx: 0.4, b_ry: -0.9, b_rz: 0.7}
+"""
+
+
+def test_a_ball_stands_where_its_rotation_vector_in_the_file_says(tmp_path):
+    """On the axes of the joint's origin, although the model's third axis goes through the centre of mass."""
+    (tmp_path / "ball.urdf").write_text(BALL)
+    (tmp_path / "ball.yaml").write_text(BALL_FILE)
+    mechanism = Mechanism.from_file(tmp_path / "ball.yaml")
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, mechanism.q_near)
+    rod = data.oMf[mechanism.model.getFrameId("rod", pin.FrameType.BODY)].rotation
+    origin = Rotation.from_euler("xyz", [0.3, 0.5, -0.2])
+    expected = (origin * Rotation.from_rotvec([0.4, -0.9, 0.7])).as_matrix()
+    np.testing.assert_allclose(rod, expected, atol=1e-12)

@@ -1,6 +1,7 @@
 """The solids of a robot stand where its URDF puts them."""
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -61,3 +62,23 @@ def test_the_corners_of_a_solid_bound_it():
         assert np.all(corners.min(axis=0) <= points.min(axis=0) + 1e-12)
         assert np.all(corners.max(axis=0) >= points.max(axis=0) - 1e-12)
         assert np.ptp(corners, axis=0)[2] == pytest.approx(0.6, rel=0.02)
+
+
+def test_a_mesh_has_the_corners_and_triangles_of_its_file(tmp_path):
+    """A tetrahedron with edges along the axes, each with its own scale, moved and turned by its origin."""
+    corners, faces = np.vstack([np.zeros(3), np.eye(3)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    lines = ["v {} {} {}".format(*corner) for corner in corners]
+    lines += ["f {} {} {}".format(*(k + 1 for k in face)) for face in faces]
+    (tmp_path / "tetrahedron.obj").write_text("\n".join(lines) + "\n")
+    mesh = '<geometry><mesh filename="tetrahedron.obj" scale="0.1 0.2 0.3"/></geometry>'
+    origin = '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'  # x to y, y to -x
+    robot = robots.load("slider_crank")
+    text = robot.description.urdf_text.replace(
+        '<link name="crank">', f'<link name="crank"><visual>{origin}{mesh}</visual>', 1
+    )
+    description = replace(robot.description, urdf_text=text, file=tmp_path / "robot.yaml")
+    (shape,) = [one for one in read_visuals(description, robot.model) if one.kind == "mesh"]
+    assert robot.model.names[shape.node] == "crank_bearing"
+    found = shape.to_node(shape.vertices)[shape.faces]
+    expected = np.array([1, 2, 3]) + corners @ np.array([[0, 0.1, 0], [-0.2, 0, 0], [0, 0, 0.3]])
+    np.testing.assert_allclose(found, expected[np.array(faces)], atol=1e-12)

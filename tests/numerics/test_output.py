@@ -14,7 +14,7 @@ import pytest
 
 from framework import OutputError
 from framework.numerics.interruption import Terminated, interruptible
-from framework.numerics.output import write_file, written_together
+from framework.numerics.output import PROGRAM, write_file, written_together
 
 FILES = {"plan.json": "{}\n", "motion.csv": "time\n0\n"}
 
@@ -200,26 +200,47 @@ def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
 @pytest.mark.parametrize("place", ["page.html", "new/deeper/page.html"])
 def test_one_file_is_written_whole(tmp_path, place):
     write_file(tmp_path / place, "page é")
-    write_file(tmp_path / place, "another page é")
+    write_file(tmp_path / place, "another page é", overwrite=True)
     assert (tmp_path / place).read_text(encoding="utf-8") == "another page é"
     assert [path.name for path in (tmp_path / place).parent.iterdir()] == ["page.html"]
 
 
 def test_one_file_that_cannot_be_written_whole_is_left_as_it_was(tmp_path):
     page = tmp_path / "page.html"
-    page.write_text("old")
+    page.write_text("0" * 30)
     with disk_that_fills_up(1000), pytest.raises(OutputError, match=r"--html: cannot write .*page.html: "):
         write_file(page, "0" * 5000)
     with disk_that_fills_up(1000), pytest.raises(OutputError, match=r"new\.html"):
         write_file(tmp_path / "new" / "new.html", "0" * 5000)
     assert everything_in(tmp_path) == {"page.html"}
-    assert page.read_text() == "old"
+    assert page.read_text() == "0" * 30
+
+
+@pytest.mark.parametrize(
+    ("there", "new", "replaced"),
+    [
+        ("<html>notes</html>", f"<html>{PROGRAM}</html>", False),
+        (f"<html>{PROGRAM} 0.1</html>", f"<html>{PROGRAM}</html>", True),
+        ("time,s,ds,dds,platform_x,1", "time,s,ds,dds,platform_x,2", True),
+        ("time,price", "time,s,ds,dds,platform_x", False),
+        ("", "time,s", True),
+    ],
+)
+def test_a_file_of_another_origin_is_not_replaced_unless_asked_for(tmp_path, there, new, replaced):
+    file = tmp_path / "file"
+    file.write_text(there)
+    if not replaced:
+        with pytest.raises(OutputError, match=r"is there already, and not of this program; .* --overwrite"):
+            write_file(file, new)
+        assert file.read_text() == there
+    write_file(file, new, overwrite=not replaced)
+    assert file.read_text() == new
 
 
 def test_one_file_is_written_through_a_link(tmp_path):
     (tmp_path / "page.html").write_text("old")
     (tmp_path / "link.html").symlink_to(tmp_path / "page.html")
-    write_file(tmp_path / "link.html", "new")
+    write_file(tmp_path / "link.html", "new", overwrite=True)
     assert (tmp_path / "link.html").is_symlink()
     assert (tmp_path / "page.html").read_text() == "new"
 

@@ -50,6 +50,7 @@ def test_slabs_reach_as_far_as_linear_programs_say(n, m):
         low, high = found.reach(direction)
         assert high == pytest.approx(np.min(limits / np.abs(rows @ direction)), rel=1e-12)
         assert low == pytest.approx(-high, rel=1e-12)
+        np.testing.assert_allclose(found.reach(1e-9 * direction), [1e9 * low, 1e9 * high], rtol=1e-12)
     assert np.abs(found.vertices @ rows.T).max(axis=0) == pytest.approx(limits, rel=1e-9) or m > n
 
 

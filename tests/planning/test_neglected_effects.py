@@ -1,6 +1,7 @@
 """What a plan leaves out is worth what the fuller model's torques differ by."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import robots
 from framework import NotConverged, ParallelRobot, plan_scene
 from framework.fidelity.predicted_level import robot_at_level
 from framework.model.description import LEVELS_BY_NAME, JointDynamics
+from framework.planning import neglected_effects
 from framework.planning.neglected_effects import ModelOnMotion
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
@@ -168,3 +170,17 @@ def test_deformed_geometry_is_worth_what_the_deformed_plan_needs_more(case):
     needed = np.abs(deformed.torque(t) - undeformed.torque(t)).max() / max(undeformed.peak_torque.values())
     found = max((effect.share for effect in undeformed.neglected if "geometry" in effect.effect), default=0.0)
     assert found == pytest.approx(needed, rel=0.05, abs=1e-9)
+
+
+def test_what_nothing_holds_is_over_the_smallest_gear(monkeypatch):
+    """A moment on an idle ball that some motor must bear: at most the moment over the least gear ratio."""
+    monkeypatch.setattr(neglected_effects, "driven_turns", lambda robot: [])
+    robot = SimpleNamespace(
+        gear_ratio=np.array([50.0, -2.0, 10.0]),
+        structure=SimpleNamespace(idle=np.array([4])),
+        coordinates=SimpleNamespace(name_of=lambda column: f"joint {column}"),
+    )
+    dynamics = SimpleNamespace(robot=robot, certificate=SimpleNamespace(max_held_torque=6.0))
+    (effect,) = neglected_effects._idle_turn_effects(dynamics, np.full(3, 30.0))
+    assert (effect.torque, effect.share) == (3.0, pytest.approx(0.1))
+    assert "joint 4" in effect.effect

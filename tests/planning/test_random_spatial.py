@@ -7,34 +7,14 @@ the bound of all laws.
 import numpy as np
 import pytest
 
-import robots
-from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
+from framework import CrossingPlan, NoLaw, plan_crossing
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.refusals import HoldingTorque
-from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
+from tests.planning.random_lines import random_crossings
 
-SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
+SPATIAL = ("delta", "orthoglide", "par4", "gough_stewart")
 COUNT, SEED = 3, 11
-
-
-def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:
-    """Lines whose ends lie about those of the robot's own scene, and durations [s], all across the locus."""
-    robot = robots.load(name)
-    own = scene_path(robot.description.scenes[SCENES[name]])
-    ends = np.array([own(0.0), own(1.0)])
-    spread = 0.35 * np.abs(np.diff(ends, axis=0)[0]) + 0.05 * np.abs(np.diff(ends)).max()
-    rng, found = np.random.default_rng([SEED, len(name)]), []
-    while len(found) < count:
-        line = Line(*(ends + rng.uniform(-spread, spread, ends.shape)))
-        duration = float(rng.uniform(0.5, 3.0))
-        try:
-            points = locate_singularities(robot, line)
-        except NoAnswer:
-            continue
-        if points and all(point.contact != "tangential" for point in points):
-            found.append((line, duration))
-    return robot, found
 
 
 def check_plan(plan: CrossingPlan, duration: float) -> None:
@@ -65,9 +45,9 @@ def check_refusal(refusal: NoLaw, limit: float, bound: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("k", range(COUNT))
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SPATIAL)
 def test_a_random_line_is_crossed_and_refused_with_a_proof_where_the_motors_are_too_weak(name, k):
-    robot, found = random_motions(name, k + 1)
+    robot, found = random_crossings(name, k + 1, SEED)
     line, duration = found[k]
     plan = plan_crossing(robot, line, duration=duration, law="optimal")
     check_plan(plan, duration)

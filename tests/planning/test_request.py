@@ -152,6 +152,8 @@ def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
     motors = robot.description.actuators
     in_file = [np.inf if motor.speed_limit is None else 0.75 * motor.speed_limit for motor in motors]
     np.testing.assert_allclose(specification.speed_limit, in_file, rtol=1e-15)
+    asked = Request.of(robot, LINE, duration=1.5, speed_limit=[100.0, 40.0], margin=0.25)
+    np.testing.assert_allclose(specification_of(robot, asked).speed_limit, [75.0, 30.0], rtol=1e-15)
 
 
 @pytest.mark.parametrize("none", [[None], [None, np.inf], {"left_motor": None}])

@@ -88,6 +88,7 @@ def test_each_kind_of_path_comes_back(path):
         ({"law.degree": 8}, "law.degree: the file says 8, the robot now needs 12"),
         ({"law.domain": [0.0, 2.0]}, "law.domain"),
         ({"law.chebyshev": [0.5, float("nan")]}, "finite"),
+        ({"law.chebyshev": [0.5] * 20_000}, "law.chebyshev: needs 2 to 2000 numbers, got 20000"),
         ({"law.chebyshev": "abc"}, "law.chebyshev: needs a list"),
         ({"law.kind": "spline"}, "spline"),
         ({"robot_file": "no_such_robot"}, "there is no .*no_such_robot; if it has moved, name it again"),

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble, dynamics_at
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
+from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.test_three_rpr import legs as three_rpr_legs
 from tests.singularity.test_points_on_path import LEFT, LENGTH, RIGHT
 
@@ -138,10 +140,125 @@ def test_the_5r_has_as_many_working_modes_as_its_circles_meet(x):
 
 
 def test_what_is_not_paved_is_said_to_be_more():
-    robot = robots.load("bricard")  # six joints in one loop
+    robot = robots.load("bricard")  # six joints in one loop; mirrored, it is another solution
     found = working_modes(robot, robot.reference.x)
     assert (found.status, found.proved_legs) == ("at least", (False,))
-    assert "4 or more of hinge_1" in found.sentence
+    assert "2 or more of hinge_1" in found.sentence  # without those whose ring is turned over
+
+
+def circles_meet(a, radius_a, b, radius_b):
+    """The two points at given distances from two points of a plane."""
+    way = np.subtract(b, a)
+    apart = np.linalg.norm(way)
+    along = (apart**2 + radius_a**2 - radius_b**2) / (2 * apart)
+    up = np.sqrt(radius_a**2 - along**2) * np.array([-way[1], way[0]]) / apart
+    return [a + along * way / apart + sign * up for sign in (1, -1)]
+
+
+def planar(folder, elements, platform, reference) -> ParallelRobot:
+    rest = (
+        f"platform: {{joints: [{platform}]}}\nactuators: [{{joint: crank}}]\nclosures:\n"
+        "  - {name: pin, frames: [pin, eye], axes: [x, y]}\n"
+    )
+    if "bolt" in elements:
+        rest += "  - {name: bolt, frames: [bolt, lug], axes: [x, y]}\n"
+    values = ", ".join(f"{name}: {value}" for name, value in reference.items())
+    description = linkage(folder, elements, f"{rest}reference: {{{values}}}\n").description
+    return ParallelRobot.from_description(description)
+
+
+def test_poses_are_counted_by_all_joints_where_the_motor_is_the_platform(tmp_path):
+    """The block is where the circle of the rod meets its rail, on either side of the crank's pin."""
+    crank, rod, angle = 0.11, 0.3, 0.7
+    block = crank * np.cos(angle) + np.sqrt(rod**2 - (crank * np.sin(angle)) ** 2)
+    elements = (
+        joint("crank", "base", mass=1)
+        + joint("rod", "crank_link", (crank, 0, 0), mass=1)
+        + frame("pin", "rod_link", (rod, 0, 0))
+        + joint("block", "base", axis="x", kind="prismatic", limit='lower="-9" upper="9"', mass=1)
+        + frame("eye", "block_link", (0, 0, 0))
+    )
+    tilt = -np.arcsin(crank * np.sin(angle) / rod)
+    robot = planar(tmp_path, elements, "crank", {"crank": angle, "rod": tilt - angle, "block": block})
+    found = assembly_modes(robot, [angle])
+    blocks = [float(mode.q[robot.coordinates.names.index("block")]) for mode in found.modes]
+    np.testing.assert_allclose(blocks, [block, 2 * crank * np.cos(angle) - block], atol=1e-12)
+    assert found.complete
+
+
+@pytest.mark.parametrize("platform", ["crank", "rocker", "arm"])
+def test_a_chain_of_two_dyads_has_four_poses_whatever_is_called_the_platform(tmp_path, platform):
+    """Circles about the crank's pin and the rocker's foot meet twice, and so do two about the dyad's ends."""
+    foot, far, angle = np.array([0.3, 0.0]), np.array([0.55, 0.02]), 0.9
+    crank, coupler, rocker, bar, arm = 0.1, 0.29, 0.2, 0.27, 0.18
+    pin = crank * np.array([np.cos(angle), np.sin(angle)])
+    heads = circles_meet(pin, coupler, foot, rocker)
+    tips = [(head, tip) for head in heads for tip in circles_meet(head, bar, far, arm)]
+    elements = (
+        joint("crank", "base", mass=1)
+        + joint("coupler", "crank_link", (crank, 0, 0), mass=1)
+        + frame("pin", "coupler_link", (coupler, 0, 0))
+        + joint("rocker", "base", (*foot, 0), mass=1)
+        + frame("eye", "rocker_link", (rocker, 0, 0))
+        + joint("bar", "rocker_link", (rocker, 0, 0), mass=1)
+        + frame("bolt", "bar_link", (bar, 0, 0))
+        + joint("arm", "base", (*far, 0), mass=1)
+        + frame("lug", "arm_link", (arm, 0, 0))
+    )
+
+    def joints(head, tip):
+        def turn(v):
+            return float(np.arctan2(v[1], v[0]))
+
+        rocks = turn(head - foot)
+        return {
+            "crank": angle,
+            "coupler": turn(head - pin) - angle,
+            "rocker": rocks,
+            "bar": turn(tip - head) - rocks,
+            "arm": turn(tip - far),
+        }
+
+    robot = planar(tmp_path, elements, platform, joints(*tips[0]))
+    found = assembly_modes(robot, [angle])
+    assert (len(found.modes), found.complete) == (4, True)
+    expected = [joints(*tip) for tip in tips]
+    for mode in found.modes:
+        values = robot.reference_values(mode.q)
+        gaps = [max(abs(np.exp(1j * values[n]) - np.exp(1j * one[n])) for n in one) for one in expected]
+        assert min(gaps) < 1e-9
+        expected.pop(int(np.argmin(gaps)))
+
+
+def test_a_rod_that_turns_over_in_its_universal_joint_is_no_mode(tmp_path):
+    """A crank reaches the ball at two angles; for each the hinges of its rod have two solutions."""
+    crank, rod, x = 0.12, 0.35, 0.31
+    elements = (
+        joint("motor", "base", (0, 0.05, 0), axis="y", mass=1)
+        + joint("u_x", "motor_link", (0, 0, crank), axis="x")
+        + joint("u_y", "u_x_link", axis="y", mass=1)
+        + frame("tip", "u_y_link", (0, 0, rod))
+        + joint("block", "base", axis="x", kind="prismatic", limit='lower="-9" upper="9"', mass=1)
+    )
+
+    def reach(angle):
+        return np.linalg.norm([crank * np.sin(angle) - x, 0.05, crank * np.cos(angle)]) - rod
+
+    angles = [brentq(reach, *ends) for ends in ((-np.pi / 2, 0.0), (np.pi, 1.5 * np.pi))]
+    ball = np.array([x - crank * np.sin(angles[0]), -0.05, -crank * np.cos(angles[0])]) / rod
+    c, s = np.cos(angles[0]), np.sin(angles[0])
+    ball = np.array([c * ball[0] - s * ball[2], ball[1], s * ball[0] + c * ball[2]])  # on axes of the crank
+    values = {"motor": angles[0], "u_x": np.arctan2(-ball[1], ball[2]), "u_y": np.arcsin(ball[0]), "block": x}
+    rest = (
+        "platform: {joints: [block]}\nactuators: [{joint: motor}]\n"
+        "closures: [{name: ball, frames: [tip, block_link], kind: spherical}]\n"
+        f"reference: {{{', '.join(f'{name}: {value}' for name, value in values.items())}}}\n"
+    )
+    robot = ParallelRobot.from_description(linkage(tmp_path, elements, rest).description)
+    found = working_modes(robot, [x])
+    assert (found.solutions, found.status) == ((2, 1), "proved")  # of the leg, of the block
+    turns = np.exp(1j * np.array([mode.motors[0] for mode in found.modes]))
+    np.testing.assert_allclose(turns, np.exp(1j * np.array(angles)), atol=1e-12)
 
 
 def test_a_link_may_be_called_like_a_joint_or_like_pinocchios_base(write_robot):

@@ -7,7 +7,6 @@ from framework.proofs.interval_newton import (
     LinearEnclosure,
     contract,
     damped_inverses,
-    enclose_bordered_solutions,
     pivoted_inverses,
 )
 from framework.proofs.krawczyk import prove_existence
@@ -53,23 +52,6 @@ def test_a_box_beside_the_only_solution_is_empty(rng):
         assert contract(equations, radii, mixers).empty.mean() > 0.95
 
 
-def test_solutions_of_bordered_systems_are_within_their_bounds(rng):
-    P = rng.standard_normal((BOXES, 3, 3))
-    P[::2, 2] = P[::2, 1] + 1e-7 * P[::2, 0]  # nearly singular
-    errors = 10.0 ** rng.uniform(-8, -1, (BOXES, 1, 1)) * rng.uniform(0, 1, P.shape)
-    found = enclose_bordered_solutions(P, errors, 1e-13)
-    valid = found[0].valid & found[1].valid
-    assert 0.5 < valid.mean() < 1
-    left, _, right = np.linalg.svd(P)
-    for _ in range(10):
-        M = np.zeros((BOXES, 4, 4))
-        M[:, :3, :3] = P + errors * rng.choice([-1, 1], P.shape)
-        M[:, :3, 3], M[:, 3, :3] = left[:, :, -1], right[:, -1]
-        exact = np.linalg.inv(M[valid])
-        for z, bounds in zip((exact[:, :, 3], exact[:, 3]), found, strict=True):
-            assert (np.abs(z - bounds.z[valid]) <= bounds.error[valid] + 1e-12).all()
-
-
 def test_one_root_is_proved_where_there_is_one_and_none_elsewhere(rng):
     """x^2 + y^2 = 1 and y = c x: two roots, and boxes about places near to the one, or half-way to it."""
     angle = rng.uniform(0.2, 1.3, BOXES)
@@ -85,24 +67,6 @@ def test_one_root_is_proved_where_there_is_one_and_none_elsewhere(rng):
     assert inside[found.proved].all()
     within = (found.lower <= -off) & (-off <= found.upper)
     assert within[found.proved].all()
-
-
-def test_an_arc_is_proved_along_its_parameter(rng):
-    """The unit circle: y is one function of x in the box, and within the tube."""
-    angle = rng.uniform(0.8, 2.3, BOXES)
-    x = np.stack([np.cos(angle), np.sin(angle)], axis=1) + rng.uniform(-0.005, 0.005, (BOXES, 2))
-    radii = np.tile([0.02, 0.04], (BOXES, 1))
-    values, slopes = (x**2).sum(axis=1)[:, None] - 1, 2 * x[:, None]
-    none = np.zeros(BOXES, dtype=np.intp)
-    found = prove_existence(
-        LinearEnclosure(values, slopes, np.full((BOXES, 1), 1e-14)), 2 * radii[:, None], radii, none
-    )
-    assert found.proved.mean() > 0.9
-    for share in (-1.0, 0.3, 1.0):
-        d = share * radii[:, 0]
-        y = np.sqrt(1 - (x[:, 0] + d) ** 2) - x[:, 1]
-        near = np.abs(y - found.along[:, 1] * d) <= found.spread[:, 1]
-        assert (near & (found.lower[:, 1] <= y) & (y <= found.upper[:, 1]))[found.proved].all()
 
 
 def test_a_singular_matrix_among_others_costs_only_its_own_inverse(rng):

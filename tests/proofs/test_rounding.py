@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from fractions import Fraction
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 from types import SimpleNamespace
 
 import mpmath
@@ -17,6 +17,7 @@ import pytest
 
 import robots
 from framework import assemble
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.proofs import (
     homotopy,
     interval_newton,
@@ -30,6 +31,7 @@ from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives
 from framework.proofs.interval_newton import LinearEnclosure, contract
 from framework.proofs.krawczyk import NewtonMap
+from framework.proofs.singular_paving import SingularBoxTest
 from tests.mutated_code import mutated_code
 
 
@@ -287,6 +289,10 @@ def solutions_are_alone_in_their_radii():
         equations = SimpleNamespace(configurations=lambda u: u, evaluate=lambda q, d=derivatives: d)
         radius = leg_paving.unique_radii(equations, np.zeros((1, 1)))[0]
         assert 0.49 * slope < radius < 0.5 * slope
+    known = leg_paving.KnownSolutions(np.array([[3.0, 1.0]]), np.array([0.5]), np.array([2 * np.pi, np.inf]))
+    for turns in (-2, 0, 1):
+        middle = np.tile([3.3 + 2 * np.pi * turns, 1.0], (2, 1))
+        assert known.contains(Boxes(middle, np.array([[0.199, 0.4], [0.201, 0.4]]))).tolist() == [True, False]
 
 
 def frames_are_bounded_at_a_point():
@@ -405,6 +411,66 @@ def passive_blocks_are_regular():
     assert not regular(change=1.0)  # changes of all entries by half
     assert not regular(P=0.0)
 
+    def regular_along(P, dP):
+        """Return whether P (s, s) is proved regular along a coordinate that moves all k joints alike."""
+        k = dP.shape[-1]
+        bounds = SimpleNamespace(robot=SimpleNamespace(n=0, n_a=0), rounding=0.0)
+        derivatives = SimpleNamespace(bounds=bounds, slopes=P[None], hessians=dP[None])
+        boxes = SimpleNamespace(
+            error=np.zeros((1, k)), radii=np.zeros((1, k)), remainders=SimpleNamespace(hessians=0 * dP[None])
+        )
+        return regular_ball._passive_block_is_regular(derivatives, np.ones((1, k, 1)), np.ones(1), boxes, 1)[
+            0
+        ]
+
+    for summands in permutations((2.0**54, 1.0, -(2.0**54))):  # they change P by 1, but for rounding
+        assert not regular_along(np.eye(1), np.reshape(summands, (1, 1, 3)))
+    rng = np.random.default_rng(13)
+    for _ in range(30):
+        P = rng.integers(-9, 9, (3, 3)).astype(float)
+        P[2] = 2 * P[1] - 3 * P[0]  # singular, but for the rounding of its inverse
+        assert not regular_along(P, np.full((3, 3, 1), 1e-30))
+
+
+def platforms_stay_in_their_boxes():
+    """Ends of arcs; and corners of boxes about the 5R stretched along x, whose x has no slope there."""
+    rng = np.random.default_rng(12)
+    robot = SimpleNamespace(n=2, length=1.0, platform_scale=np.ones(2))
+    test = SimpleNamespace(bounds=SimpleNamespace(robot=robot), resolution=1e9)
+    for case in range(40):
+        slopes, x_slopes = rng.standard_normal((1, 2, 3)), rng.standard_normal((1, 2, 3))
+        boxes, errors = Boxes(np.zeros((1, 3)), np.full((1, 3), 0.5)), rng.uniform(0, 0.1, (1, 2))
+        change = np.full((1, 2, 3), 10.0 * (case % 2))  # with it no arc can be proved
+        at_middle = LinearEnclosure(np.zeros((1, 2)), slopes, np.zeros((1, 2)))
+        equations = singular_paving._SingularEquations(
+            np.ones(1, dtype=bool), at_middle, np.zeros((1, 2)), change, np.zeros((1, 2)), x_slopes, errors
+        )
+        arcs = SingularBoxTest._decide_arcs(test, boxes, np.full((1, 3), 9.0), equations).arcs
+        assert len(arcs.x) == (not case % 2)
+        if len(arcs.x):
+            parameter = arcs.along[0]
+            others = np.delete(np.arange(3), parameter)
+            d = np.zeros(3)
+            d[parameter] = 0.5
+            d[others] = -np.linalg.solve(slopes[0][:, others], slopes[0][:, parameter] * 0.5)
+            assert (np.abs(x_slopes[0] @ d) + errors[0] <= arcs.x_radii[0] + 1e-12).all()
+
+    robot = robots.load("five_bar")
+    bounds = DerivativeBounds.of(robot)
+    radii = np.full((1, 4), 0.3)
+    at = bounds.evaluate(robot.neutral[None])
+    bound = singular_paving._platform_radii(at, radii, at.remainders(radii).values)
+    for corner in product((-1, 1), repeat=4):
+        q = integrate_columns(robot, robot.neutral[None], bounds.unknowns, radii * corner)
+        change = robot.platform.coordinates(frames_at(robot, q)) - robot.platform.coordinates(at.frames)
+        assert (np.abs(change) <= bound).all()
+    test = SingularBoxTest(bounds, singular_paving.singular_sets(robot)[0], None, 1e-3)
+    at = bounds.evaluate(robot.reference.q[None])
+    loops = LinearEnclosure(at.values[:, 2:], at.slopes[:, 2:], np.full((1, 2), bounds.rounding))
+    point = test._singular_equations(at, loops, 0 * radii, 1e-3 * radii)  # a box of no size
+    assert (point.errors >= point.at_middle.errors).all()
+    assert (point.at_middle.errors > 0).all()
+
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # of the slider-crank, see its robot file
 
@@ -432,6 +498,7 @@ combine, map_errors = LinearEnclosure.combine, NewtonMap.errors
 last_column, prove = interval_newton._enclose_last_column, krawczyk.prove_existence
 enclose, infinite = krawczyk.enclose_solutions, homotopy._have_no_infinite_point
 remainders, measure = Derivatives.remainders, singular_paving.enclose_measure
+decide_arcs = SingularBoxTest._decide_arcs
 passive, joints = regular_ball._passive_block_is_regular, regular_ball._prove_joint_boxes
 # laws, and what must not be left out of a function: (function, source, instead of it)
 MUTATIONS = {
@@ -489,7 +556,18 @@ MUTATIONS = {
     spectral_radii_are_not_rounded_below_one: [
         (regular_ball._spectral_radius_below_one, "< w)", "< 1.1 * w)")
     ],
-    solutions_are_alone_in_their_radii: [(leg_paving.unique_radii, "np.minimum(", "1.1 * np.minimum(")],
+    solutions_are_alone_in_their_radii: [
+        (leg_paving.unique_radii, "np.minimum(", "1.1 * np.minimum("),
+        (leg_paving.KnownSolutions.contains, "farthest < self.radii", "farthest < 1.1 * self.radii"),
+        (leg_paving.KnownSolutions.contains, " + boxes.radii[:, None]", ""),
+    ],
+    platforms_stay_in_their_boxes: [
+        (singular_paving._platform_radii, " + remainders[:, : robot.n]", ""),
+        (decide_arcs, "half_length + equations.x_errors", "half_length"),
+        (decide_arcs, "half_length + equations.x_errors", "equations.x_errors"),
+        (decide_arcs, "is_arc = proof.proved & ~remaining", "is_arc = ~remaining"),
+        (SingularBoxTest._singular_equations, "g.errors + np.matvec", "np.matvec"),
+    ],
     frames_are_bounded_at_a_point: [
         (remainders, "value_errors += rounding * (1 + radii", "value_errors += rounding * (radii"),
         (remainders, "slopes=ROUND_UP * slope_errors + rounding", "slopes=ROUND_UP * slope_errors"),
@@ -512,6 +590,8 @@ MUTATIONS = {
     ],
     passive_blocks_are_regular: [
         (passive, " + _bound_over_cell(changes, half, dual_norm)", ""),
+        (passive, "identity_defect(Y, P) + ", ""),
+        (passive, " + gamma(s * k) * rounded", ""),
         (passive, "dP_size + rounding, boxes.error", "0 * dP_size, boxes.error"),
         (passive, "P_errors += 0.5 *", "P_errors += 0.4 *"),
         (passive, "P_errors += rounding", "P_errors += 0 * rounding"),

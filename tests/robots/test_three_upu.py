@@ -250,8 +250,8 @@ def test_the_track_keeps_the_platform_level_beside_the_axis(robot):
     s = np.linspace(0.0, 1.0, 41)
     for distance in (0.0, 1e-7, 1e-5, 1e-3):
         branch = track_path(robot, Line(START + distance * SIDEWAYS, END + distance * SIDEWAYS))
-        for knot, u in zip(branch.s, branch.u, strict=True):
-            q = {robot.coordinates.name_of(k): branch.origin[k] + u[k] for k in range(robot.model.nv)}
+        for knot, pose in zip(branch.s, branch.guess(branch.s), strict=True):
+            q = {robot.coordinates.name_of(k): pose[k] for k in range(robot.model.nv)}
             assert q == pytest.approx(joints(branch.path(knot)), abs=1e-10)
         assert np.abs(branch.guess(s)).max() < 1.0
 

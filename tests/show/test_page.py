@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import robots
-from framework.kinematics.continuation import tracking
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import encode_floats, film_documents
 from framework.show.shapes import body_shapes, thin_mesh
-from tests.browser.pages import film_anew, filmed
+from tests.browser.pages import filmed
 
 # The others, whose meshes may take seconds to read, are slow.
 QUICK = ("five_bar", "slider_crank", "three_rpr", "delta", "gough_stewart", "agile_eye", "humanoid_ankle")
@@ -157,25 +156,3 @@ def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
 
 def test_floats_travel_as_little_endian_singles():
     assert decoded(encode_floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
-
-
-def test_a_path_is_tracked_once_for_its_film(monkeypatch):
-    """Planned or refused, rigid or elastic; a refused elastic one once more, rigid, as it is drawn."""
-    asked = []
-    track = tracking.track_path
-
-    def counted(robot, path):
-        asked.append(robot.flexibility)
-        return track(robot, path)
-
-    monkeypatch.setattr("framework.singularity.points_on_path.track_path", counted)
-    monkeypatch.setattr("framework.dynamics.finite_differences.track_path", None)
-    for scene, flexibility, times in (
-        ("A", "rigid", ["rigid"]),
-        ("B", "rigid", ["rigid"]),
-        ("C", "flexible_links", ["flexible_links"]),
-        ("B", "flexible_links", ["flexible_links", "rigid"]),
-    ):
-        asked.clear()
-        film_anew("five_bar", scene, flexibility)
-        assert asked == times

@@ -8,6 +8,7 @@ import pytest
 import robots
 from framework import InvalidInput, NotConverged, plan_scene, simulate
 from framework.simulation import Stepper
+from framework.simulation.stepper import CLOSING_SHARE
 
 
 def held_torque(robot, plan, scheme, steps):
@@ -108,3 +109,15 @@ def test_misuse_is_named(make, message):
 def test_running_away_is_told():
     with pytest.raises(NotConverged, match="runs away"):
         simulate(robots.load("five_bar"), lambda t, q, v: 1e6 * v[[0, 2]] + 1e3, duration=1.0, method="fast")
+
+
+def test_extrapolation_closes_loops_at_one_rate():
+    """Whole and half steps reach (1 - share) of an open loop, so that twice the half less the whole does."""
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    stepper = Stepper.of(robot, scheme="extrapolated")
+    q = robot.reference.q.copy()
+    q[robot.passive[-1]] += 1e-6
+    v = np.zeros(robot.nv)
+    before = stepper.terms(q[None], v[None]).residual
+    after = stepper.terms(*(part[None] for part in stepper.step(q, v, np.zeros(2), 1e-4))).residual
+    np.testing.assert_allclose(after, (1 - CLOSING_SHARE) * before, atol=1e-3 * np.abs(before).max())

@@ -1,5 +1,7 @@
 """What is drawn as the locus is singular, by each mechanism's own geometry."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from framework import assemble, locate_singularities
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import passive_matrix
 from framework.planning.scenes import scene_path
+from framework.singularity import locus_on_map
 from framework.singularity.drawn_locus import locus_curves, locus_patch
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
@@ -66,3 +69,61 @@ def test_nothing_is_drawn_where_nothing_can_be():
     start = assemble(robot)
     assert locus_curves(robot, start.q, start.x) is None
     assert locus_patch(robot, start.q, start.x) is None
+
+
+def test_signs_that_change_are_those_between_all_neighbours():
+    """Of a measure with poses that are not reached; and the minima are less than all of their neighbours."""
+    rng = np.random.default_rng(0)
+    g = rng.standard_normal((7, 9))
+    g[2, 3] = g[6, 8] = np.nan
+    changes = {tuple(map(tuple, pair.reshape(2, 2).tolist())) for pair in locus_on_map._sign_changes(g)}
+    pairs = [((i, j), (i + 1, j)) for i in range(6) for j in range(9)]
+    pairs += [((i, j), (i, j + 1)) for i in range(7) for j in range(8)]
+    assert changes == {(one, two) for one, two in pairs if g[one] * g[two] < 0}
+    poses = SimpleNamespace(lower=np.array([1.0, 2.0]), cell=np.array([0.1, 0.2]))
+    np.testing.assert_allclose(locus_on_map._midpoints(poses, np.array([[3, 4, 3, 5]])), [[1.3, 2.9]])
+    minima = {tuple(pair) for pair in locus_on_map._find_minima(g, max_minima=99).tolist()}
+    beside = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
+    padded = np.pad(np.nan_to_num(np.abs(g), nan=np.inf), 1, constant_values=np.inf)
+    least = {
+        (i, j)
+        for i, j in np.ndindex(g.shape)
+        if all(padded[i + 1, j + 1] < padded[i + 1 + a, j + 1 + b] for a, b in beside)
+    }
+    assert minima == least
+    size = np.abs(g[tuple(np.array(sorted(minima)).T)])
+    (best,) = locus_on_map._find_minima(g, max_minima=1).tolist()
+    assert abs(g[tuple(best)]) == size.min()
+
+
+def test_neighbours_are_the_nine_poses_about_a_point_of_the_map():
+    i, j = np.indices((4, 5))
+    x = np.stack([0.1 * i, 0.2 * j], axis=2)
+    reached = np.ones((4, 5), dtype=bool)
+    reached[1, 2] = False
+    poses = SimpleNamespace(
+        lower=np.zeros(2), cell=np.array([0.1, 0.2]), g=np.zeros((4, 5)), x=x, q=x, reached=reached
+    )
+    for point in ([0.31, 0.79], [0.0, 0.0], [0.11, 0.41]):
+        middle = np.round(np.divide(point, poses.cell)) * poses.cell
+        about = locus_on_map._neighbouring_poses(poses, np.array([point]))
+        near = [
+            tuple(x[index])
+            for index in np.ndindex(4, 5)
+            if reached[index] and (np.abs(x[index] - middle) < 1.1 * poses.cell).all()
+        ]
+        assert sorted(map(tuple, about.x[0, about.reached[0]])) == sorted(near)
+
+
+def test_a_curve_is_cut_where_it_leaves_the_branch_and_where_an_angle_jumps(monkeypatch):
+    """Points 0..4 on the branch, 5..7 off it, 8..12 on it again, with a turn between 9 and 10."""
+    turns = np.append(np.linspace(2.0, 3.1, 10), np.linspace(-3.1, -3.0, 3))
+    x = np.column_stack([turns, np.arange(13.0)])
+    off = np.isin(np.arange(13), (5, 6, 7))
+    monkeypatch.setattr(locus_on_map, "_compare_branches", lambda *given: (~off, off))
+    structure = SimpleNamespace(varies=False)
+    robot = SimpleNamespace(translations=np.array([False, True]), structure=structure)
+    equations = SimpleNamespace(robot=robot)
+    poses, curve = SimpleNamespace(axes=(0, 1)), SimpleNamespace(x=x, q=x, kind="type_2")
+    parts = [part.x[:, 1].tolist() for part in locus_on_map._parts_on_branch(equations, poses, curve)]
+    assert parts == [[0, 1, 2, 3, 4], [8, 9], [10, 11, 12]]

@@ -1,5 +1,7 @@
 """Each kind of singularity at a robot that has it, at poses built by geometry; distances by closed forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -8,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at
+from framework.kinematics.linearised_loops import linearised_at
+from framework.singularity import pose_classes, type2
 from robots.generators import delta, gough_stewart
 from tests.oracles import five_bar as oracle
 from tests.robots import test_n_four_bar as n_four_bar
@@ -240,3 +244,30 @@ def test_no_contact_is_given_where_no_path_can_be_followed(robot):
     q = on_the_self_motion_circle(np.arctan2(np.sqrt(LINK**2 - 0.04), 0.2))
     with pytest.raises(InvalidInput, match="does not determine its joints"):
         classify(robot, q, along=[0.8, 0.6])
+
+
+@pytest.mark.parametrize("resting", [0, 1])
+def test_the_twist_is_of_a_motion_that_moves_the_platform(resting, monkeypatch):
+    """Of two motions one leaves the platform at rest, whichever comes last: t_s is that of the other."""
+    robot = robots.load("five_bar")
+    linearised = linearised_at(robot, robot.reference.q[None])
+    X = linearised.platform[0]
+    _, _, V = np.linalg.svd(X)
+    moving, still = 3.0 * V[0] + 0.5 * V[1], V[-1]  # X still = 0
+    motions = np.array([still, moving] if resting == 0 else [moving, still])
+    escaping = type2.EscapingMotions(frozenset({"type_2", "leg_passive"}), motions, 2, 2)
+    monkeypatch.setattr(type2, "escaping_motions", lambda *given, **options: escaping)
+    found = type2.uncontrolled_motion(robot, linearised)
+    assert (found.kind, found.corank) == ("type_2", 2)
+    assert np.linalg.norm(found.twist) == pytest.approx(1.0)
+    np.testing.assert_allclose(X @ found.motion, found.twist, atol=1e-12)
+
+
+@pytest.mark.parametrize(("beside", "there"), [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0)])
+def test_a_robot_is_singular_everywhere_if_it_is_so_at_all_poses_that_are_drawn(beside, there, monkeypatch):
+    """With the reference singular, poses beside it or beside the pose in question may be regular."""
+    robot = SimpleNamespace(reference=SimpleNamespace(q=0.0))
+    nearby = {0.0: [beside] * 3, 1.0: [there] * 3}  # clearances of poses near the reference, near the pose
+    monkeypatch.setattr(pose_classes, "nearby_configurations", lambda robot, q: nearby[q])
+    monkeypatch.setattr(pose_classes, "_least_singular_value", lambda robot, value: value)
+    assert pose_classes._is_singular_everywhere(robot, 1.0) == (beside == there == 0.0)

@@ -37,6 +37,7 @@ def measured(*entries, power=1):
     branch = SimpleNamespace(
         robot=SimpleNamespace(name="matrix"),
         path=SimpleNamespace(knots=np.empty(0)),
+        panels=(),
         close=lambda s: SimpleNamespace(linearised=s),
     )
     return MeasuredMatrix(branch, matrix, power)
@@ -186,3 +187,10 @@ def test_an_end_of_the_path_beside_a_root_is_a_near_miss(gap):
         assert abs(miss.g) == pytest.approx(abs(point.slope) * gap, rel=0.02)
     for start, end in ((0.0, point.s - 0.2), (0.0, point.s + gap)):
         assert not search_path(robot, Line(path(start), path(end))).near_misses
+
+
+def test_no_root_is_taken_for_one_of_those_about_a_distant_extremum():
+    """Two roots about an extremum that is refined, and another that is fourteen times as far from it."""
+    d = 1.3e-3
+    offsets = np.array([one.s for one in found(lambda s: (s - 0.4 + d) * (s - 0.4 - d) * (s - 0.4 - 14 * d))])
+    np.testing.assert_allclose(offsets - 0.4, [-d, d, 14 * d], atol=1e-9)

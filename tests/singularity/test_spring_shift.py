@@ -79,3 +79,10 @@ def test_a_touch_is_not_moved_by_a_deflection():
 
 def test_a_rigid_robot_has_no_springs_to_move_it():
     assert [rates.shape for rates in shifts(robots.load("five_bar"), PATH)] == [(0,)]
+
+
+def test_where_several_motions_escape_no_derivative_is_told():
+    robot = robots.load("gough_stewart", flexibility="flexible_joints")
+    start = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # to the opposite pose, through the flat one
+    (shift,) = shifts(robot, Line(start, -start))
+    assert np.isnan(shift).all()

@@ -11,6 +11,7 @@ what is returned is the torque of the true crossing.
 from functools import cache
 
 import numpy as np
+import pytest
 
 from framework import UnboundedTorque, plan_crossing
 from framework.planning.plan import uncertified_law
@@ -108,6 +109,21 @@ def test_we_measure_what_is_left_at_the_singular_instant():
     expected = np.array([left_over(offset) for offset in OFFSETS[told]])
     # s is known to 1e-16, hence the wrench to 1e-16 / offset of itself
     assert np.all(np.abs(verdicts[told] / expected - 1) < np.maximum(1e-6, 1e-14 / OFFSETS[told]))
+
+
+def test_a_force_of_three_in_1e11_is_told_and_one_of_a_third_is_rounding():
+    """Over the payload's largest inertia across the left rod along the motion, in closed form."""
+    law = power_law((crossing_coordinate(), mp.mpf(CROSSING_SPEED), mp.zero))
+    tangent = [exact(END[k]) - exact(START[k]) for k in range(2)]
+    largest = mp.zero
+    for t in np.linspace(0.0, DURATION, 302):
+        (_, (px, py)), _ = legs(*on_line(value(law, mp.mpf(t))))
+        across = (px * tangent[1] - py * tangent[0]) / mp.hypot(px, py)
+        largest = max(largest, abs(PAYLOAD * value(law, mp.mpf(t), 2) * across))
+    offset = 1e-11 * float(largest) / (left_over(1e-7) / 1e-7)
+    plan_crossing(without_rotors(), LINE, at=[true_point() + offset / 3], **ASKED)
+    with pytest.raises(UnboundedTorque):
+        plan_crossing(without_rotors(), LINE, at=[true_point() + 3 * offset], **ASKED)
 
 
 def test_what_is_not_told_from_rounding_is_harmless():

@@ -31,14 +31,14 @@ from tests.singularity.test_points_on_path import locus, locus_tangent
 DEPTHS = 10.0 ** -np.arange(3, 13)  # [m] by which the path reaches over the locus
 
 
-def chord(depth: float) -> Line:
-    """A straight path, 0.12 m long, whose middle reaches over the locus by a depth [m]; negative: misses."""
+def chord(depth: float, at: float = 0.5) -> Line:
+    """A straight path, 0.12 m long, that reaches over the locus by a depth [m] at s; negative: misses."""
     middle, tangent = locus(1.7), locus_tangent(1.7)
     reach = 0.06 * tangent / np.linalg.norm(tangent)
     normal = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach)
     inside = np.sign(normal @ (locus(1.7 + 1e-2) + locus(1.7 - 1e-2) - 2 * middle))
     shift = depth * inside * normal
-    return Line(middle - reach + shift, middle + reach + shift)
+    return Line(middle - 2 * at * reach + shift, middle + 2 * (1 - at) * reach + shift)
 
 
 def exact_crossings(path: Line, near: list[float]) -> list:
@@ -87,8 +87,11 @@ def test_a_near_miss_has_no_crossing_and_a_touch_is_one_of_its_own():
         plan_crossing(without_rotors(), chord(0.0), duration=1.5, times=[])
 
 
-def test_a_touch_is_crossed_by_a_law_that_meets_the_condition_and_its_derivative():
-    plan = plan_crossing(without_rotors(), chord(0.0), duration=3.0, optimize="energy")
+@pytest.mark.parametrize(
+    "at", [0.5, 0.3]
+)  # a law that is symmetric about the touch has no acceleration there
+def test_a_touch_is_crossed_by_a_law_that_meets_the_condition_and_its_derivative(at):
+    plan = plan_crossing(without_rotors(), chord(0.0, at), duration=3.0, optimize="energy")
     (crossing,) = plan.crossings
     assert plan.certificate.tail < 1e-10
     assert simulate(without_rotors(), plan).tracking_error < 1e-7

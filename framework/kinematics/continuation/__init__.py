@@ -1,7 +1,9 @@
 """Branches of assembled configurations, followed without jumping to another branch. Open `tracking` first.
 
 * `predictor_corrector`: tests that a step stays on its branch; the turning point at which a branch ends;
-* `tracking`: the configurations while the platform follows a path: `assemble`, `track_path`;
+* `path_sheet`: the branch along a path on panels of Chebyshev nodes, closed in stacks;
+* `tracking`: the configurations while the platform follows a path: `assemble`, `track_path`; where panels
+  end, single steps, and the error where the branch ends;
 * `branch`: the result of tracking, a path with its configurations;
 * `motor_curves`: the configurations while the motors turn to prescribed angles, many sets of angles at once;
 * `forward_kinematics`: the pose at prescribed motor angles, or the error where its curve ends; also for many

@@ -1,31 +1,33 @@
 """A path with one branch of its inverse kinematics, and continuations through singular points.
 
-Newton's method converges to the branch from a guess: the cubic between two knots, or a series through closed
-configurations. It fails where the square system of the inverse kinematics is singular although the branch is
-smooth, as at constraint singularities. There a continuation replaces Newton's method: a polynomial through
-closed configurations on both sides.
+Newton's method converges to the branch from a guess: Chebyshev series through closed poses. It fails where
+the square system of the inverse kinematics is singular although the branch is smooth, as at constraint
+singularities. There a continuation replaces Newton's method: a polynomial through closed configurations on
+both sides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import NotAssembled
+from framework.kinematics.continuation.path_sheet import SHEET_NODES, BranchPoses
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
-from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.frames import difference, difference_rates, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
-from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
+from framework.numerics.chebyshev import TimeFunction, coefficients, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
-from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
+from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
 
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
 # as many nodes as coefficients, plus an eighth of all nodes, whose misfit measures the error of the fit
@@ -61,20 +63,34 @@ def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Arr
 class Branch(ReadOnlyArrays):
     """A path with the branch of its inverse kinematics, springs at rest, and the external wrenches.
 
-    Guesses for the offset from `origin` are cubics between the knots `s` (K,), or the series of `through`.
-    From these guesses Newton's method converges to the branch: the poses of `close` are on the branch to
-    rounding.
+    Guesses for the offset from `origin` are the series through the closed nodes of the panels. Where the
+    branch was followed in single steps, they are cubics between these. From the guesses Newton's method
+    converges to the branch: the poses of `close` are on the branch to rounding.
     """
 
     robot: ParallelRobot
     path: Path
     origin: Array  # (nq,) configuration at s = 0
-    s: Array  # (K,) path coordinates of the knots
-    u: Array  # (K, nv) offset from origin
-    du: Array  # (K, nv) derivative with respect to s
+    s: Array  # (K,) path coordinates of the poses that were followed
+    series: TimeFunction  # (nv) offset from origin over s
+    panels: tuple[BranchPoses, ...]  # closed at Chebyshev nodes, ascending from s = 0
     continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
     wrenches: ExternalWrenches = NO_WRENCHES
-    series: TimeFunction | None = None  # u(s), for more accurate guesses than those of the cubics
+
+    @staticmethod
+    def through(
+        robot: ParallelRobot, path: Path, panels: Sequence[BranchPoses], steps: Sequence[BranchPoses]
+    ) -> Branch:
+        """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
+        origin = (*panels, *steps)[0].q[0]
+        series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
+        for start, end in pairwise(steps):
+            cubic = np.zeros((SHEET_NODES, robot.nv))
+            cubic[:4] = _cubic_series(robot, origin, start, end)
+            series.append(cubic)
+        s = np.concatenate([np.zeros(1), *(panel.s[1:] for panel in panels), *(pose.s for pose in steps[1:])])
+        edges = np.array([0.0, *(panel.s[-1] for panel in panels), *(pose.s[0] for pose in steps[1:])])
+        return Branch(robot, path, origin, s, TimeFunction(edges, np.stack(series)), tuple(panels))
 
     @property
     def knots(self) -> Array:
@@ -90,53 +106,22 @@ class Branch(ReadOnlyArrays):
         wrenches.check_frames(self.robot)
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
-    def through(self, edges: Array, q: Array) -> Branch:
-        """Return the same branch with a Chebyshev series through configurations q for guesses.
-
-        The series is not used if its error at a knot is larger than a correction may be. In this case it does
-        not resolve all joints.
-
-        Args:
-            edges: (panels + 1,) path coordinates of the panels' edges, from 0 to 1.
-            q: (panels * size, nq) configurations at the `size` Chebyshev nodes of each panel, panel by panel.
-        """
-        grid = TimeGrid(edges, len(q) // (len(edges) - 1))
-        series = grid.fit(difference(self.robot, self.origin, q))
-        error = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
-        return replace(self, series=series) if error < BRANCH_CORRECTION else self
-
     def load_motion(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the external wrenches."""
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Compute guesses (T, nq) at s (T,), from which Newton's method converges to the branch."""
-        u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
+        series = self.series
+        u = series(np.clip(s, 0.0, 1.0))
+        for outside, panel in ((s < 0.0, 0), (s > 1.0, -1)):  # the first and the last panel go on
+            if outside.any():
+                ends = series.edges[:2] if panel == 0 else series.edges[-2:]
+                u[outside] = _chebyshev_values(series.coefficients[panel], ends, s[outside])
         for continuation in self.continuations:
             covered = (s >= continuation.start) & (s <= continuation.end)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
-
-    @staticmethod
-    def _series_offsets(series: TimeFunction, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin at s (T,) by the series, also outside [0, 1]."""
-        u = series(np.clip(s, 0.0, 1.0))
-        before, beyond = s < 0.0, s > 1.0
-        u[before] = _chebyshev_values(series.coefficients[0], series.edges[:2], s[before])  # the first panel
-        u[beyond] = _chebyshev_values(series.coefficients[-1], series.edges[-2:], s[beyond])  # the last panel
-        return u
-
-    def _cubic_offsets(self, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin at s (T,) by cubic Hermite interpolation of the knots."""
-        k = np.searchsorted(self.s[1:-1], s, side="right")  # (T,) index of the last knot before each s
-        step = (self.s[k + 1] - self.s[k])[:, None]
-        t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
-        chord = self.u[k + 1] - self.u[k]
-        start_slope = step * self.du[k]  # du/dt at both knots
-        end_slope = step * self.du[k + 1]
-        quadratic = 3 * chord - 2 * start_slope - end_slope  # coefficient of t^2
-        cubic = start_slope + end_slope - 2 * chord  # coefficient of t^3
-        return self.u[k] + t * (start_slope + t * (quadratic + t * cubic))
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Compute assembled configurations on the branch at s (T,).
@@ -163,6 +148,20 @@ class Branch(ReadOnlyArrays):
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
         return inside
+
+
+def _cubic_series(robot: ParallelRobot, origin: Array, start: BranchPoses, end: BranchPoses) -> Array:
+    """Return Chebyshev coefficients (4, nv) of the cubic of offsets between two poses (K = 1)."""
+    half_width = 0.5 * float(end.s[0] - start.s[0])
+    u_0, u_1 = (difference(robot, origin, pose.q)[0] for pose in (start, end))
+    slope_0, slope_1 = (  # over the local coordinate, from -1 to 1
+        half_width * difference_rates(robot, origin, pose.q, pose.rate)[0] for pose in (start, end)
+    )
+    mean, half_change = 0.5 * (u_0 + u_1), 0.5 * (u_1 - u_0)
+    # u = c_0 + c_1 t + c_2 (2 t^2 - 1) + c_3 (4 t^3 - 3 t), with these values and slopes at t = -1 and 1
+    c_2 = 0.125 * (slope_1 - slope_0)
+    c_3 = 0.0625 * (slope_0 + slope_1 - 2.0 * half_change)
+    return np.stack([mean - c_2, half_change - c_3, c_2, c_3])
 
 
 def with_continuation(

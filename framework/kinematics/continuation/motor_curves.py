@@ -35,6 +35,7 @@ from framework.kinematics.linearised_loops import (
     independent_loops_matrix,
     linearised_at,
 )
+from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
@@ -52,6 +53,7 @@ class MotorCurves(NamedTuple):
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
     largest: Array  # (T,) largest clearance on the curve
+    bases: Array  # (T, R, m) of the ranges of the loops' rows, to which det P refers
     determinant_sign: Array  # (T,) of det P
     log_determinant: Array  # (T,) log |det P|
 
@@ -83,6 +85,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         clearance=clearances,
         least=clearances,
         largest=clearances,
+        bases=linearised.bases,
         determinant_sign=sign,
         log_determinant=logarithm,
     )
@@ -180,8 +183,9 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
     # the tangent may turn only where P is far from losing rank, so that no other branch crosses
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
+    end_sign = ends.determinant_sign * relative_orientation(starts.bases, ends.bases)
     on_branch &= keeps_sign(
-        (starts.determinant_sign, starts.log_determinant), (ends.determinant_sign, ends.log_determinant)
+        (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
     )
     return _Steps(rows, ends, measured.correction, on_branch)
 

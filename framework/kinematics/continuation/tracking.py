@@ -1,8 +1,9 @@
 """Follow a path from the reference without jumping to another branch.
 
-A straight segment leads from the reference's platform coordinates to the start of the path; then the path is
-followed. A step along the tangent is accepted if it passes the tests of `predictor_corrector` and its end is
-in the same working mode. Otherwise it is halved.
+A straight segment leads from the reference's platform coordinates to the start of the path; then the path
+is followed. Both are followed on the panels of `path_sheet`. What they do not resolve is followed in single
+steps along the tangent, each accepted by the same tests or halved. So a refusal tells where and why a branch
+ends.
 """
 
 from __future__ import annotations
@@ -22,24 +23,22 @@ from framework.errors import (
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
+from framework.kinematics.continuation.path_sheet import (
+    MIN_SHEET_PANEL,
+    BranchPoses,
+    follow_panels,
+    judge_steps,
+    with_tangents,
+)
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
-    FIRST_STEP_RATIO,
-    MAX_PREDICTOR_MOVE,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
     CurveEquations,
     Curves,
     limit_steps,
-    measure_steps,
 )
-from framework.kinematics.frames import (
-    difference,
-    difference_rates,
-    integrate,
-    integrate_columns,
-    largest_motion,
-)
+from framework.kinematics.frames import integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -48,48 +47,31 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
     type1_matrix,
 )
-from framework.kinematics.modes import keeps_working_mode
-from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
-from framework.numerics.arrays import Array, ArrayLike, BoolArray
-from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, SAME_PLACE
+from framework.numerics.arrays import Array, ArrayLike
+from framework.tolerances import FILE_ROUNDING, SAME_PLACE
 
-POSES_AT_ONCE = round(1 / FIRST_STEP_RATIO)  # they span the path; a stack takes little longer than one pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
 
 
-class BranchPoses(NamedTuple):
-    """K assembled configurations of a branch, with their tangents."""
+class FollowedPath(NamedTuple):
+    """The part of a branch that could be followed: panels, then single poses where panels do not suffice."""
 
-    s: Array  # (K,) path coordinates
-    linearised: LinearisedLoops  # at these poses
-    rate: Array  # (K, nv) dq/ds
+    panels: tuple[BranchPoses, ...]  # ascending from s = 0
+    steps: tuple[BranchPoses, ...]  # K = 1 each; the first one is the last pose of the panels, or the start
 
     @property
-    def q(self) -> Array:
-        """Configurations (K, nq)."""
-        return self.linearised.frames.q
-
-    def select(self, which: slice) -> BranchPoses:
-        """Return the poses `which`."""
-        return BranchPoses(self.s[which], self.linearised.select(which), self.rate[which])
-
-
-class FollowedCurve(NamedTuple):
-    """The part of a branch that could be followed, as K poses."""
-
-    s: Array  # (K,) path coordinates, ascending from 0, to 1 if the whole curve was followed
-    q: Array  # (K, nq)
-    rate: Array  # (K, nv) joint rates dq/ds
-    last: BranchPoses  # the last pose
+    def last(self) -> BranchPoses:
+        """The last pose (K = 1)."""
+        return self.steps[-1]
 
     @property
     def complete(self) -> bool:
-        """Whether the whole curve was followed."""
-        return bool(self.s[-1] == 1.0)
+        """Whether the whole path was followed."""
+        return bool(self.last.s[0] == 1.0)
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -105,19 +87,31 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if x is None:
         return reference
     target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
-    distance = float(np.abs(target - reference.x).max())
-    if distance == 0.0:
+    if np.array_equal(target, reference.x):
         return reference
     require_square(robot)
+    linearised, steps = _reach(robot, target)
+    return Configuration(linearised.frames.q[0], target, float(np.abs(linearised.residual).max()), steps)
+
+
+def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
+    """Close the loops with the platform at x (n,), in the working mode of the reference.
+
+    Returns:
+        The loops at the pose (T = 1); the number of poses on the way.
+
+    Raises:
+        OutOfReach, Type1Singularity, UncontrolledMotions: as `track_path`.
+    """
+    reference = robot.reference
+    distance = float(np.abs(x - reference.x).max())
     if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
-        closed = close_loops(robot, target[None], reference.q[None])
-        steps = 1
-    else:
-        segment = Line(reference.x, target)
-        branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-        closed = branch.close(1.0)  # cheap, since s = 1 is a knot
-        steps = len(branch.s)
-    return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
+        return close_loops(robot, x[None], reference.q[None]).linearised, 1
+    start = linearised_at(robot, reference.q[None], reference.x[None])
+    segment = Line(reference.x, x)
+    followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
+    steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
+    return followed.last.linearised, steps
 
 
 def track_path(robot: ParallelRobot, path: Path) -> Branch:
@@ -136,141 +130,78 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
-    start = assemble(robot, path(0.0))
-    return _follow_branch(robot, path, start.q, "the path")
+    start, _ = _reach(robot, finite_numbers("the start of the path", path(0.0), robot.n))
+    followed = _follow_to_end(robot, path, start, "the path")
+    return Branch.through(robot, path, followed.panels, followed.steps)
 
 
-def follow_path(robot: ParallelRobot, path: Path, q: Array, *, to_the_end: bool = False) -> FollowedCurve:
-    """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
+def follow_path(
+    robot: ParallelRobot, path: Path, pose: LinearisedLoops, *, to_the_end: bool = False
+) -> FollowedPath:
+    """Follow the path from a pose (T = 1) at s = 0 until path or branch ends.
 
-    A stretch of up to `POSES_AT_ONCE` steps follows the tangent of the last pose. If not even its first step
-    is accepted, the steps are halved. The poses stay in one working mode; they may pass Type 2 singularities.
-    Springs keep the deflections of q. A branch ends at a Type 1 singularity.
+    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep their deflections. A
+    branch ends at a Type 1 singularity.
 
     Args:
         to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
             the last pose lies just before it.
+
+    Raises:
+        NotAssembled: the pose is singular to the last bit.
     """
-    start = np.zeros(1)
-    pose = _with_tangents(robot, path, start, linearised_at(robot, q[None], path(start)))
-    stretches = [pose]  # of poses followed so far, each stretch from one tangent
-    step = FIRST_STEP_RATIO
+    start = with_tangents(robot, path, np.zeros(1), pose)
+    panels = follow_panels(robot, path, start)
+    last = panels[-1].last if panels else start
+    return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
+
+
+def _follow_steps(
+    robot: ParallelRobot, path: Path, pose: BranchPoses, *, to_the_end: bool
+) -> list[BranchPoses]:
+    """Follow the path from a pose (K = 1) in single steps; return this pose and all that follow."""
+    poses = [pose]
+    step = MIN_SHEET_PANEL
     while pose.s[0] < 1.0:
         step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
-
-        accepted = _take_steps(robot, path, pose, _parameters_ahead(robot, pose, step))
-        if accepted is not None:
-            poses, correction = accepted
-            stretches.append(poses)
-            pose = poses.select(slice(-1, None))  # the last one
+        following = _take_step(robot, path, pose, step)
+        if following is not None:
+            pose, correction = following
+            poses.append(pose)
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
-
         # refused: the branch ends ahead, or the step is too long
         end = _type1_end(robot, path, pose) if to_the_end else None
         if end is not None:
-            stretches.append(end)
+            poses.append(end)
             break
         step *= 0.5
-    return FollowedCurve(
-        s=np.concatenate([poses.s for poses in stretches]),
-        q=np.concatenate([poses.q for poses in stretches]),
-        rate=np.concatenate([poses.rate for poses in stretches]),
-        last=stretches[-1].select(slice(-1, None)),
-    )
+    return poses
 
 
-def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array
+def _take_step(
+    robot: ParallelRobot, path: Path, pose: BranchPoses, step: float
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps along the tangent of the pose `start` (K = 1) to path coordinates `s_ahead` (T,).
-
-    All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
-    step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
-    the tangent turns much, the loops must also be far from losing rank at the end, where branches cross.
+    """Take a step in s along the tangent of a pose (K = 1); None if its end is not on the branch.
 
     Returns:
-        The poses of the steps before the first refused one, and the correction of the last of these; None if
-        the first step is refused.
+        The pose at the end (K = 1), and the correction of its prediction [rad, lengths].
     """
-    lengths = (s_ahead - start.s)[:, None]  # in s, from the start
-    guess = integrate(robot, start.q, lengths * start.rate)
-    ends = _close_ahead(robot, path, s_ahead, guess)
-    if ends is None:
-        return None
-
-    # judge each step as if it had been predicted from the end of the previous one
-    steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)  # (K, 1) in s
-    q = np.concatenate([start.q, ends.q[:-1]])  # configurations at the starts of the steps
-    predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
-    corrections = difference(robot, integrate(robot, q, predicted), ends.q)
-    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
-    if not is_small[0]:
-        return None
-
-    ends = ends.select(slice(_count_leading(is_small)))
-    accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
-    # where the tangent turns much, another branch must not cross near the end
-    curved = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
-    accepted[curved] = count_lost_ranks(robot, ends.linearised.select(curved), BRANCHES_CROSS) == 0
-    count = _count_leading(accepted)
-    return (ends.select(slice(count)), float(correction[count - 1])) if count else None
-
-
-def _close_ahead(robot: ParallelRobot, path: Path, s: Array, predicted: Array) -> BranchPoses | None:
-    """Close the loops of poses (T, nq) predicted at s (T,), up to the first that does not close.
-
-    None if the first pose does not close, or if a pose has no tangent.
-    """
-    _, linearised, closed = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
-    count = _count_leading(closed)
-    if not count:
+    s = pose.s + step
+    s = np.where(s > 1.0 - SAME_PLACE, 1.0, s)  # the last step ends at 1 to the last bit
+    predicted = integrate(robot, pose.q, step * pose.rate)
+    closing = close_each(robot, path(s), predicted, farthest=MAX_NEWTON_STEP)
+    if not closing.closed.all():
         return None
     try:
-        return _with_tangents(robot, path, s[:count], linearised.select(slice(count)))
-    except NotAssembled:  # a pose is singular to the last bit and has no tangent
+        end = with_tangents(robot, path, s, closing.linearised)
+    except NotAssembled:  # the end is singular to the last bit and has no tangent
         return None
-
-
-def _with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
-    """Compute the tangents dq/ds (K, nv) at K poses, with constant deflections.
-
-    Args:
-        s: path coordinates (K,) of the poses.
-        linearised: the loops at the poses.
-
-    Returns:
-        The poses with their tangents.
-
-    Raises:
-        NotAssembled: a pose is singular to the last bit and has no tangent.
-    """
-    twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
-
-
-def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates ahead of a pose (K = 1), `step` apart.
-
-    Those beyond which the tangent would move a joint by more than MAX_PREDICTOR_MOVE are left out, except the
-    first.
-    """
-    lengths = step * np.arange(1, POSES_AT_ONCE + 1)
-    speed = largest_motion(robot, pose.rate)[0]  # of the fastest joint along s
-    s_ahead = pose.s + lengths
-    is_on_path = s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO  # with room for rounding
-    allowed = is_on_path & (lengths * speed < MAX_PREDICTOR_MOVE)
-    allowed[0] = True  # at least one step
-    s_ahead = s_ahead[allowed]
-    return np.where(s_ahead > 1.0 - SAME_PLACE, 1.0, s_ahead)  # the last step ends at 1 to the last bit
-
-
-def _count_leading(flags: BoolArray) -> int:
-    """Count the leading true flags of K flags (K,)."""
-    return int(np.cumprod(flags).sum())
+    keeps_branch, correction = judge_steps(robot, pose, end)
+    return (end, float(correction[0])) if keeps_branch[0] else None
 
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
@@ -296,37 +227,34 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
 
 
-def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
-    """Follow the branch along the whole path from the pose q (nq,) at s = 0.
+def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subject: str) -> FollowedPath:
+    """Follow the whole path from a pose (T = 1) at s = 0.
 
     `subject` is the name of the path in errors.
 
     Raises:
         OutOfReach, Type1Singularity, UncontrolledMotions: the branch ends early.
     """
-    followed = follow_path(robot, path, q, to_the_end=True)
+    followed = follow_path(robot, path, pose, to_the_end=True)
     if not followed.complete:
-        raise _branch_end_error(robot, path, followed, subject)
-    offset = difference(robot, q, followed.q)
-    rate = difference_rates(robot, q, followed.q, followed.rate)
-    return Branch(robot, path, origin=q, s=followed.s, u=offset, du=rate)
+        raise _branch_end_error(robot, path, followed.last, subject)
+    return followed
 
 
 def _branch_end_error(
     robot: ParallelRobot,
     path: Path,
-    followed: FollowedCurve,
+    last: BranchPoses,
     subject: str,
     *,
     # relative singular value below which the loops have lost rank at the end of a branch
     type_1_end_ratio: float = 1e-4,
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for a branch that could only be `followed` to an early end.
+    """Return the error for a branch that ends early, at the pose `last` (K = 1).
 
     At such an end either the loops lose rank, or a leg is stretched or folded. `subject` is the name of the
     path in the message.
     """
-    last = followed.last
     s = float(last.s[0])
     x = path(s)
     linearised = last.linearised

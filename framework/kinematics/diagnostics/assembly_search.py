@@ -3,7 +3,8 @@
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
 succeed from the same start. The first start of a group is the reference itself. The others are drawn with a
 fixed seed from the range of each joint. The range is that of the limits; without limits it is half a turn or
-a length of the robot in both directions. From each start bounded trust-region least squares
+a length of the robot in both directions. If the reference states some joints only, these stay near it as
+far as the loops allow, and the others are free. From each start bounded trust-region least squares
 (`scipy.optimize`) first nearly closes the loops with joints near the reference, then closes them. Of the
 first few closed poses the nearest to the reference is returned.
 
@@ -13,7 +14,8 @@ another assembly.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,20 +28,20 @@ from framework.kinematics.closures import (
     scaled_equations,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
-from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.mechanism import Mechanism, velocity_columns
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray, select
 from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
+UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not state
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
-# Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
-# solver takes steps of least norm (lsmr), because there are more joints than independent equations.
+# options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
 CLOSING: dict[str, Any] = {
-    "max_nfev": 20,
-    "tr_solver": "lsmr",
+    "max_nfev": 60,
     "xtol": 1e-12,
     "ftol": 1e-12,
     "gtol": 1e-12,
@@ -50,7 +52,7 @@ class ClosedPose(NamedTuple):
     """A configuration with closed loops, and its distance from the reference."""
 
     q: Array  # (nq,)
-    joint: str  # name of the joint farthest from the reference
+    joint: str  # name of the joint farthest from the reference, of those that it states
     distance: str  # of that joint from the reference, such as "0.6 rad"
 
 
@@ -63,11 +65,16 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
-    for group in _group_loops(mechanism, lower, upper):
-        u[group.columns] = _find_nearest_offsets(group)
+    try:
+        for group in _group_loops(mechanism, lower, upper):
+            u[group.columns] = _find_nearest_offsets(group)
+    except NotAssembled as failure:
+        raise _with_contradicting_limits(mechanism, failure) from None
     step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
-    farthest = int(np.argmax(np.abs(u)))
+    stated = velocity_columns(mechanism.model, mechanism.description.reference)
+    moved = stated if len(stated) else np.arange(mechanism.nv)
+    farthest = int(moved[np.argmax(np.abs(u[moved]))])
     distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
     return ClosedPose(q, mechanism.coordinates.name_of(farthest), distance)
 
@@ -85,6 +92,7 @@ class _Group:
     columns: IntArray  # (k,) columns of the joints
     lower: Array  # (k,) least offsets within the limits; infinite without limits
     upper: Array  # (k,) largest offsets within the limits
+    weights: Array  # (k,) of the offsets: 1 for joints that the reference states, less for others
 
     def gap(self, u: Array) -> Array:
         """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
@@ -109,23 +117,26 @@ class _Group:
         """
         from scipy.optimize import least_squares
 
-        answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSING)
+        # steps of least norm (lsmr), as most loops have more joints than independent equations
+        solver = "lsmr" if len(start) > 1 else "exact"
+        bounds = self.lower, self.upper
+        answer = least_squares(self.gap, start, self.slope, bounds=bounds, tr_solver=solver, **CLOSING)
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets u (k,) near a start that nearly close the loops.
 
-        They minimise the sum of the squares of u and of gap / `GAP_PER_RADIAN`.
+        They minimise the sum of the squares of `weights` u and of gap / `GAP_PER_RADIAN`.
         """
         from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
-            """Compute the weighted gaps, then the offsets, (m + 3 d + k,)."""
-            return np.concatenate([self.gap(u) / GAP_PER_RADIAN, u])
+            """Compute the weighted gaps, then the weighted offsets, (m + 3 d + k,)."""
+            return np.concatenate([self.gap(u) / GAP_PER_RADIAN, self.weights * u])
 
         def slope(u: Array) -> Array:
             """Compute the derivative (m + 3 d + k, k) of this residual."""
-            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))])
+            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.diag(self.weights)])
 
         answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY_CLOSING)
         return np.asarray(answer.x)
@@ -161,6 +172,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
     groups = []
+    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)
+    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
     directions = mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
@@ -168,7 +181,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
         table = mechanism.rows.take(rows)
         closures = [name.rpartition(".")[0] for name in table.names]  # names of rows are closure.axis
         locked = select(directions, np.isin(directions.closures, closures))
-        groups.append(_Group(mechanism, table, locked, columns, lower[columns], upper[columns]))
+        bounds = lower[columns], upper[columns]
+        groups.append(_Group(mechanism, table, locked, columns, *bounds, weights[columns]))
     return groups
 
 
@@ -200,11 +214,16 @@ def _find_nearest_offsets(
     high = np.where(limited, group.upper, half_range)
     reference = np.clip(0.0, low, high)
 
+    # with some joints stated and some not, every other start has the stated ones where the file has them
+    stated = group.weights == 1.0
+    holds = stated.any() and not stated.all()
     rng = np.random.default_rng(0)
     poses: list[Array] = []  # offsets (k,) that close the loops
     best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
         start = rng.uniform(low, high) if k else reference
+        if holds and k % 2:
+            start = np.where(stated, reference, start)
         u, gap = group.close(group.nearly_close(start))
         if gap < least_gap:
             best_u, least_gap = u, gap
@@ -214,7 +233,30 @@ def _find_nearest_offsets(
                 break
     if not poses:
         raise _still_open_error(group, best_u)
-    return min(poses, key=np.linalg.norm)
+    return min(poses, key=lambda u: float(np.linalg.norm(group.weights * u)))
+
+
+def _with_contradicting_limits(mechanism: Mechanism, failure: NotAssembled) -> NotAssembled:
+    """Return the failure; if the loops close beyond the joints' limits, with these limits."""
+    if not mechanism.limits:
+        return failure
+    with suppress(NotAssembled):
+        pose = find_closed_pose(replace(mechanism, limits=()))
+        beyond = positions_beyond_limits(mechanism.limits, pose.q[None])
+        alone = []  # joints of which one beyond its limits is enough
+        for joint in beyond:
+            limits = tuple(limit for limit in mechanism.limits if limit.joint != joint)
+            with suppress(NotAssembled):
+                q = find_closed_pose(replace(mechanism, limits=limits)).q
+                alone.append(f"{joint} {positions_beyond_limits(mechanism.limits, q[None])[joint]}")
+        listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
+        return NotAssembled(
+            f"{mechanism.name}: the loops close only beyond the joints' limits, with {listed}: the limits "
+            f"contradict the loops; change them, or the zero of the joint",
+            q=pose.q,
+            residual=failure.residual,
+        )
+    return failure
 
 
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:

@@ -7,6 +7,7 @@ modes and exceeded limits by the names of the robot file.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -159,6 +160,17 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
         mechanism, closing = assemble_mechanism(posed)
+    if not mechanism.description.reference and positions_beyond_limits(mechanism.limits, closing.q[None]):
+        with suppress(NotAssembled):
+            pose = find_closed_pose(mechanism)
+            remarks.append(
+                "no reference is given, and from zero the loops close beyond the joints' limits; a search "
+                "within them has found the one that is printed: paste it into the file (or give it by "
+                "--reference)"
+            )
+            description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
+            posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
+            mechanism, closing = assemble_mechanism(posed)
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:
@@ -222,7 +234,7 @@ def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformA
         )
     if mobility.idle:
         yield (
-            f"{', '.join(mobility.idle)} may turn without moving any centre of mass; planning holds it "
+            f"{', '.join(mobility.idle)} may turn and hardly moves a centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )

@@ -18,6 +18,7 @@ motions are in radians and lengths of the robot.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -84,8 +85,8 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     loose = _choose_joints(undriven @ with_mass, excluded=idle)
     return Mobility(
         freedoms=motions.shape[1],
-        idle=tuple(map(robot.coordinates.name_of, idle)),
-        loose=tuple(map(robot.coordinates.name_of, loose)),
+        idle=tuple(map(robot.coordinates.turn_name, idle)),
+        loose=tuple(map(robot.coordinates.turn_name, loose)),
     )
 
 
@@ -295,6 +296,9 @@ def motions_near_reference(description: RobotDescription) -> LoopMotions:
     if chosen > 0:
         remarks.append(BESIDE_SINGULARITY)
     q = poses[chosen]
+    if beyond := positions_beyond_limits(mechanism.limits, q[None]):
+        places = "; ".join(f"{joint} at {place}" for joint, place in beyond.items())
+        remarks.append(f"reference: outside the joints' ranges: {places}")
     basis = find_free_motions(mechanism, q, rank)
     return LoopMotions(mechanism, q, basis, _working_motions(mechanism, q, basis), tuple(remarks))
 
@@ -318,7 +322,20 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     if assembled.rounded.names:
         gap = rounded_gap(assembled, closing.q[None])
         remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
-    return replace(assembled, q_near=closing.q), remarks
+    q = closing.q
+    file_positions, closed_positions = mechanism.coordinates.positions(np.stack([mechanism.q_near, q]))
+    moves = np.abs(closed_positions - file_positions)  # (nv,) [rad, m]
+    column = int(np.argmax(moves))
+    if moves[column] > FILE_ROUNDING:
+        joint, distance = (
+            mechanism.coordinates.name_of(column),
+            f"{moves[column]:.3g} {mechanism.unit_of(column)}",
+        )
+        if positions_beyond_limits(assembled.limits, q[None]):
+            with suppress(NotAssembled):  # no closed pose is found within the ranges
+                q, joint, distance = find_closed_pose(assembled)
+        remarks.append(f"reference: {joint} {distance} from the file's, closed; --reference chooses others")
+    return replace(assembled, q_near=q), remarks
 
 
 def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:

@@ -8,6 +8,7 @@ platform, axes, motors and reference that the file leaves out; without options t
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,15 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, tostring
 
-from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
+from framework.errors import (
+    FrameworkError,
+    InvalidInput,
+    MissingPackage,
+    RobotFileError,
+    check_name,
+    check_unique,
+    list_names,
+)
 from framework.model.description import (
     AXES,
     Actuator,
@@ -24,11 +33,14 @@ from framework.model.description import (
     ParsedRobot,
     Platform,
     RobotDescription,
+    kinds_with_length,
+    locked_axes,
     locked_through_couplings,
 )
+from framework.model.documents import parse_numbers, prefix_errors
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
 from framework.model.robot_keys import merge_joint_dynamics
-from framework.model.urdf_elements import declared_couplings, declared_dynamics
+from framework.model.urdf_elements import PACKAGE, declared_couplings, declared_dynamics, locate_urdf
 from framework.numerics.arrays import Names
 from framework.numerics.fields import check_distinct
 
@@ -67,6 +79,8 @@ class Options:
     base: str | None = None  # a link; joints that it does not carry are locked
     locked: Mapping[str, float | None] = field(default_factory=dict)
     platform_joints: Names | None = None  # coordinates of the platform, instead of axes
+    closures: Sequence[Sequence[str]] = ()  # two frames, a kind, and an axis or a length, of each
+    packages: Sequence[str] = ()  # NAME=FOLDER, where meshes of package://NAME/ are
     propose: Propose | None = None
 
     @property
@@ -96,6 +110,8 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     """
     reference = merge_reference(options, tree.coordinates, tree.reference)
     tree.couplings += declared_couplings(tree.root)
+    tree.closures += [_closure_in_words(tree, words) for words in options.closures]
+    _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
         unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
@@ -134,6 +150,62 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
     return ParsedRobot(description, tree.root, dialect, remarks)
+
+
+def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
+    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`.
+
+    Raises:
+        RobotFileError: the words are too few or too many, or one of them is not valid.
+    """
+    where = f"--close {' '.join(words)}"
+    if len(words) not in (3, 4):
+        raise RobotFileError(f"{where}: needs FRAME FRAME KIND, and an axis or a length of some kinds")
+    first, second, kind, *rest = words
+    for frame in (first, second):
+        check_name(where, "frame", frame, tree.frames)
+    if tree.body(first) == tree.body(second):
+        raise RobotFileError(f"{where}: both frames are on one rigid body: nothing to close")
+    name = f"{first}_{second}"
+    if kind not in kinds_with_length():
+        with prefix_errors(where):
+            return Closure(name, (first, second), locked_axes(kind, *rest))
+    (length,) = parse_numbers(f"{where}: length", " ".join(rest), 1)
+    if length <= 0.0:
+        raise RobotFileError(f"{where}: the length must be greater than zero")
+    return Closure(name, (first, second), locked_axes(kind), length)
+
+
+def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
+    """Replace package://NAME/ in the paths of meshes by the stated folders; remark on missing files.
+
+    Args:
+        file: that was read, from whose folder paths start.
+        packages: NAME=FOLDER each.
+    """
+    folders: dict[str, str] = {}
+    for word in packages:
+        name, equals, folder = word.partition("=")
+        if not equals or not os.path.isdir(folder):
+            raise RobotFileError(f"--package: needs NAME=FOLDER with a folder that exists, got {word!r}")
+        folders[name] = folder
+    missing = []
+    for mesh in tree.root.iter("mesh"):
+        reference = mesh.get("filename", "")
+        package, _, rest = reference.removeprefix(PACKAGE).partition("/")
+        if reference.startswith(PACKAGE) and package in folders:
+            reference = str(Path(folders[package], rest).resolve())
+            mesh.set("filename", reference)
+        try:
+            is_there = locate_urdf(file.parent, reference.removeprefix("file://")).is_file()
+        except (InvalidInput, MissingPackage):
+            is_there = False
+        if not is_there:
+            missing.append(reference)
+    if missing:
+        package, _, _ = missing[0].removeprefix(PACKAGE).partition("/")
+        hint = f"; --package {package}=FOLDER says where" if missing[0].startswith(PACKAGE) else ""
+        tree.remarks.append(f"{len(missing)} meshes are not found, such as {missing[0]}, and not drawn{hint}")
 
 
 def _is_moving(tree: UrdfTree, closure: Closure) -> bool:
@@ -216,6 +288,9 @@ def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float])
         raise RobotFileError(
             f"--base: no joint moves that link {base!r} carries; give a link nearer to the root"
         )
+    held = [name for joint in outside for name in joint.coordinates if reference.get(name)]
+    if posture := [f"{name} {reference[name]:.4g}" for name in held]:
+        tree.remarks.append(f"held by --base, in the file's posture: {', '.join(posture)}")
     for joint in outside:
         tree.fix_at_reference(joint, reference)
 
@@ -283,7 +358,11 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
         for joint, arm in arms.items():  # one joint, or none that moves
             gear = drive.gear * arm
             if drive.is_motor and gear:
-                actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=drive.torque_limit))
+                # a motor on one joint stays there, also if this joint follows another
+                (name, own_arm), *others = drive.arms.items()
+                motor_joint, motor_gear = (joint, gear) if others else (name, drive.gear * own_arm)
+                motor = Actuator(motor_joint, abs(motor_gear), torque_limit=drive.torque_limit)
+                actuators.setdefault(joint, motor)
             if has_dynamics:
                 # before the gear the coordinate is gear * (arm q + constant): subtract its constant part
                 rest = drive.dynamics.rest - drive.gear * constant

@@ -3,7 +3,8 @@
 The reader takes from the compiled model: bodies with hinge, slide, ball and free joints, and the forces along
 these joints; sites as frames; primitive geoms as shapes; flags; motors on joints or fixed tendons, with gear,
 limits, armature and damping; the first keyframe as the reference (else the zero pose). Of `<equality>`,
-connect is a spherical closure, weld is a fixed one, joint and tendon are couplings or fix a joint. MuJoCo
+connect is a spherical closure, weld is a fixed one, joint and tendon are couplings or fix a joint, and a
+spatial tendon between two sites that is held at its length is a distance closure. MuJoCo
 resolves anchors at the zero pose. Other forces (spatial tendons, muscles, gravity compensation) are reported
 by name; contact, sensors, cameras and the shapes of meshes are ignored. The file says nothing about the
 platform.
@@ -21,10 +22,10 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError
-from framework.model.description import JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import Closure, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.mujoco_model import compile_mjcf, member_name
+from framework.model.readers.mujoco_model import check_expansion, compile_mjcf, member_name
 from framework.model.readers.urdf_tree import MAX_LOOPS, Transmission, UnreadElement, UrdfTree
 from framework.model.urdf_edits import (
     NewJoint,
@@ -70,6 +71,7 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
         for key, value in element.attrib.items():
             if "nan" in value.lower().split():  # MuJoCo would accept it
                 raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
+    check_expansion(root, file.parent)
     # `left_out` names unread elements one by one; `unused` counts those that no motion needs
     compiled, left_out, unused = compile_mjcf(file)
     if compiled.neq > MAX_LOOPS:
@@ -237,6 +239,15 @@ class _Model:
         names = [self.joints[j].name for j in model.wrap_objid[parts]]
         return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
 
+    def _ends_of_tendon(self, number: int) -> tuple[str, str] | None:
+        """Return the frames of both sites that a tendon joins in a straight line; None for others."""
+        model = self.compiled
+        parts = slice(model.tendon_adr[number], model.tendon_adr[number] + model.tendon_num[number])
+        if [member_name("mjtWrap", part) for part in model.wrap_type[parts]] != 2 * ["mjWRAP_SITE"]:
+            return None
+        first, second = model.wrap_objid[parts]
+        return self.sites[first], self.sites[second]
+
     # -------------------------------------------------------------- loops
 
     def read_equalities(self) -> None:
@@ -287,8 +298,14 @@ class _Model:
         offset, ratio = polynomial[:2].tolist()
         first = self._moment_arms(kind, model.eq_obj1id[k])
         second = self._moment_arms(kind, model.eq_obj2id[k])
+        rod = self._ends_of_tendon(model.eq_obj1id[k]) if kind == "tendon" and second == {} else None
+        if rod is not None:
+            # held at its length in MuJoCo's zero pose, plus the offset
+            length = float(model.tendon_length0[model.eq_obj1id[k]]) + offset
+            tree.closures.append(Closure(name, rod, locked_axes("distance"), length))
+            return
         if first is None or second is None:
-            problem = "of a spatial tendon, which is not read"
+            problem = "of a spatial tendon, which is only read between two sites, held at a length"
             self.leave_out(f"{where}: {problem}", self.all_joints, is_decisive=True)
             return
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}

@@ -15,13 +15,15 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
+from math import prod
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from framework.errors import MissingPackage, RobotFileError
-from framework.model.documents import erase_matches
+from framework.model.documents import erase_matches, parse_xml
 from framework.model.placement import to_quaternion
 from framework.model.readers.urdf_tree import UnreadElement
 from framework.model.urdf_elements import check_inertia, symmetric_matrix
@@ -36,7 +38,20 @@ _ARRAYS_OF_FLAG = {
     "GRAVITY": ("body_gravcomp",),
 }
 _UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials", "hfields")
-_PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
+# Elements of which a few characters make many parts: attributes with numbers, and the most that is read of
+# their product. MuJoCo takes a second for each thousand of copies, and a field of numbers for each body.
+_USER_DATA = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor")
+_LARGEST_PRODUCT: dict[str, tuple[tuple[str, ...], int]] = {
+    "replicate": (("count",), 1000),
+    "flexcomp": (("count",), 1000),
+    "composite": (("count",), 1000),
+    "hfield": (("nrow", "ncol"), 4_000_000),
+    "size": (("nkey", *(f"nuser_{kind}" for kind in _USER_DATA)), 10_000),
+}
+MAX_COPIES = 5000  # of elements in <replicate>
+_PLUGIN = re.compile(  # one without an end is sought once
+    r"<extension\b.*?(?:</extension\s*>|\Z)|<plugin\b[^<>]*/>|<plugin\b.*?(?:</plugin\s*>|\Z)", re.DOTALL
+)
 
 
 def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
@@ -64,6 +79,41 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
         raise
     except (ValueError, RuntimeError) as error:  # how MuJoCo refuses a file
         raise RobotFileError(_reorder_error(str(error))) from None
+
+
+def check_expansion(root: Element, folder: Path) -> None:
+    """Refuse a file that MuJoCo would expand to more than a robot needs, before it does.
+
+    Args:
+        root: of the MJCF.
+        folder: of the file, from which paths of included files start.
+
+    Raises:
+        RobotFileError: an element of the file or of an included one has too many parts, or all `<replicate>`
+            make too many copies.
+    """
+    included: set[Path] = set()
+    copies_of_all = 0.0
+    remaining = [(root, 1.0)]  # elements, with the number of copies of each
+    while remaining:
+        element, copies = remaining.pop()
+        copies_of_all += copies if copies > 1.0 else 0.0
+        names, largest = _LARGEST_PRODUCT.get(element.tag, ((), 1))
+        numbers = " ".join(element.get(name, "1") for name in names).split()
+        product = prod(max(float(number), 1.0) for number in numbers if number.isdecimal())
+        if product > largest:
+            stated = " ".join(filter(element.get, names))
+            raise RobotFileError(f"<{element.tag}> {stated}: {product:g} parts; at most {largest} are read")
+        if copies_of_all > MAX_COPIES:
+            raise RobotFileError(f"<replicate>: more than {MAX_COPIES} copies of elements")
+        if element.tag == "replicate":
+            copies *= product
+        remaining += [(child, copies) for child in element]
+        file = folder / element.get("file", "")
+        if element.tag == "include" and file not in included and file.is_file():
+            included.add(file)
+            content = parse_xml(read_text(file, f"{file}: cannot read it", error=RobotFileError))
+            remaining.append((content, copies))
 
 
 def member_name(enumeration: str, number: int) -> str:

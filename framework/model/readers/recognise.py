@@ -67,6 +67,8 @@ def parse_any(
               states, else zero;
             * `locked`: positions [rad, m] of joints to lock; None stands for the reference;
             * `base`: a link; all joints that the link does not carry are locked at the reference;
+            * `closures`: loops to close, as words: two frames, a kind, and the axis or length of the joint;
+            * `packages`: folders NAME=FOLDER of the meshes of package://NAME/;
             * `propose`: a function that completes what is still missing.
 
     Raises:
@@ -126,7 +128,7 @@ def _line_of_element(message: str, text: str) -> str:
     if named is None:
         return ""
     tag, name = named.groups()
-    element = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
+    element = re.search(rf"<{tag}\b[^<>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
     if element is None:
         return ""
     line = text.count("\n", 0, element.start()) + 1
@@ -161,7 +163,7 @@ def _from_yaml(
         )
     urdf = _find_urdf(path)
     with prefix_errors(urdf.name):
-        tree = UrdfTree(_parse_urdf(urdf))
+        tree = UrdfTree(_parse_urdf(urdf), base=options.base)
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
     return gepetto.read_pair(path, content, tree, options)
 
@@ -201,11 +203,12 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
         RobotFileError: options lock joints, which the file itself does with the key `locked`; or options name
             what the robot does not have.
     """
-    if options.base is not None or options.locked:
-        option = "--base" if options.base is not None else "--lock"
-        raise RobotFileError(
-            f"{option}: for files of foreign dialects; a robot file of ours has the key locked"
-        )
+    keys = {"--base": ("base", "locked"), "--lock": ("locked", "locked"), "--close": ("closures", "closures")}
+    for option, (name, key) in keys.items():
+        if getattr(options, name):
+            raise RobotFileError(
+                f"{option}: for files of foreign dialects; a robot file of ours has the key {key}"
+            )
     if options == Options():
         return robot
     description = robot.description

@@ -130,7 +130,11 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
         add_models(scope, parent, file.parent, "", WORLD)
-    joints = _joints_of_main_part(scope)
+    missing = f"{', '.join(scope.unread)}: not read, as there is no such file; put the model's folder beside"
+    try:
+        joints = _joints_of_main_part(scope)
+    except RobotFileError as error:
+        raise RobotFileError(f"{error}; {missing}" if scope.unread else str(error)) from None
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
     tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
@@ -138,6 +142,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     _report_unread_parts(scope, tree, joints)
+    tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree_names)
@@ -418,7 +423,8 @@ def _read_limits(
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.findtext(f"{tag}/limit/{end}", default).lower()
-        limits += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{unlimited:g}"), 1)
+        text = text.replace("inf", f"{unlimited:g}")
+        limits += parse_numbers(f"{where}: <{end}>", text, 1, largest=np.inf)  # some write 1.8e308
     lower, upper = limits
     if max(abs(lower), abs(upper)) >= unlimited:
         return None

@@ -46,6 +46,7 @@ class Scope:
     attached: dict[str, str] = field(default_factory=dict)  # the link or frame that carries each frame
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)  # the attribute `scope` is the model's prefix
+    unread: list[str] = field(default_factory=list)  # included models without a file
 
     def placement_of(self, name: str, depth: int = 0) -> Array:
         """Compute the placement (4, 4) of a frame in the world, as in the file.
@@ -121,7 +122,8 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
         if file.is_dir():
             file = file / "model.sdf"
         if not file.is_file():
-            continue  # scenery, such as a ground plane; a joint to it would raise an error
+            scope.unread.append(f"<include> {uri}")  # often scenery, such as a ground plane
+            continue
         with prefix_errors(f"<include> {uri}"):
             document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
             model = child_element(document, "<sdf>", "model")
@@ -192,6 +194,8 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
         kind = local_name(element.tag)
         if kind in _CONSTRAINTS:
             elements += _constraint_elements(element, kind, f"{kind}_{number}")
+        elif kind == "plugin" and "detachablejoint" in str(element.attrib).lower().replace("-", ""):
+            elements.append(_detachable_joint(element, model, f"detachable_joint_{number}"))
     for element in elements:
         if element.tag in ("link", "frame", "joint"):
             _add_element(scope, element, prefix, base)
@@ -226,6 +230,29 @@ def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None
     if tag == "joint":
         scope.relative[f"joint {name}"] = pose
     scope.relative.setdefault(name, pose)
+
+
+def _detachable_joint(plugin: Element, model: Element, name: str) -> Element:
+    """Return the fixed joint that Gazebo's plugin DetachableJoint makes when it starts.
+
+    Args:
+        plugin: names a link of the `model`, and a link of a model.
+        model: of the plugin.
+        name: of the joint.
+    """
+    where = "<plugin> DetachableJoint"
+    parts = {
+        tag: (plugin.findtext(tag) or "").strip() for tag in ("parent_link", "child_model", "child_link")
+    }
+    for tag, value in parts.items():
+        if not value:
+            raise RobotFileError(f"{where}: <{tag}> is missing")
+    joint = Element("joint", name=name, type="fixed")
+    SubElement(joint, "parent").text = parts["parent_link"]
+    is_own = parts["child_model"] == model.get("name")
+    child = parts["child_link"] if is_own else f"{parts['child_model']}::{parts['child_link']}"
+    SubElement(joint, "child").text = child
+    return joint
 
 
 def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Element]:

@@ -240,7 +240,7 @@ def read_urdf(
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in TRUE_TEXTS
     ]
-    tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
+    tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
     tree.likely_motors = [*independent, *beside_independent]
 
@@ -253,11 +253,14 @@ def read_urdf(
     _close_joints_of_other_programs(tree)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    if not tree.closures and root.find("joint/mimic") is None:
+    if not (tree.closures or options.closures) and root.find("joint/mimic") is None:
+        # such as a linkage behind a transmission
+        unread = "".join(f"{remark.partition(': motors')[0]}; " for remark in tree.remarks)
         raise RobotFileError(
-            "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
-            "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
-            "beside it (ours, or Gepetto's with closed_loop), and give that file"
+            f"{unread}a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, "
+            f"<loop_joint> of Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or "
+            f"in a YAML file beside it (ours, or Gepetto's with closed_loop), and give that file; or let "
+            f"`convert --close` close them in words"
         )
     dialect = dialect or ("onshape" if has_closing_frames else "urdf")
     for name in tree.motors:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,11 +16,12 @@ import numpy as np
 
 from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
-from framework.model.documents import attribute, remove_children
+from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
+    INERTIA_ENTRIES,
     MAX_TREE_DEPTH,
     MAX_TREE_ELEMENTS,
     Complaints,
@@ -28,12 +30,18 @@ from framework.model.urdf_elements import (
     local_name,
     read_joint,
     read_tree,
+    symmetric_matrix,
 )
 from framework.numerics.arrays import Array, Names
-from framework.tolerances import FILE_ROUNDING
+from framework.tolerances import FILE_ROUNDING, INERTIA_ROUNDING
 
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
+# what motors turn by in transmissions of two joints, with the reductions n
+_LAWS_OF_TRANSMISSIONS = {
+    "DifferentialTransmission": "; the file's turn by n_a1 (n_j1 q1 + n_j2 q2) and n_a2 (n_j1 q1 - n_j2 q2)",
+    "FourBarLinkageTransmission": "; the file's turn by n_a1 n_j1 q1 and n_a2 (q1 + n_j2 q2)",
+}
 # top-level elements that belong to every URDF; children that are read, of some of them
 _URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 _READ_CHILDREN = {
@@ -125,6 +133,74 @@ def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
     return elements
 
 
+def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]]:
+    """Yield the reductions [motor / joint] in a transmission, each with the name of its joint or actuator."""
+    for part in (transmission, *transmission.findall("joint"), *transmission.findall("actuator")):
+        for tag in ("mechanicalReduction", "mechanical_reduction"):
+            for text in part.findall(tag):
+                label = f"{where}: <{tag}>"
+                (reduction,) = parse_numbers(label, text.text, 1)
+                yield part.get("name", ""), reduction
+
+
+def _select_tree(root: Element, base: str | None) -> None:
+    """Remove the links and joints that no joint connects with the link `base`.
+
+    Raises:
+        RobotFileError: there are several trees, and `base` is in none.
+    """
+    ends = {}  # the two links of each joint, by its element
+    for joint in root.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            ends[joint] = parent.get("link", ""), child.get("link", "")
+    links = [link.get("name", "") for link in root.findall("link")]
+    children = {child for _, child in ends.values()}
+    roots = [link for link in links if link not in children]
+    trees = merge_overlapping([*((link,) for link in links), *ends.values()])
+    if len(roots) < 2 or len(trees) < 2 or len(links) > MAX_TREE_ELEMENTS:
+        return  # other faults are told by `read_tree`
+    selected = next((tree for tree in trees if base in tree), None)
+    if selected is None:
+        raise RobotFileError(
+            f"needs exactly one root link, got {', '.join(roots[:5])}; --base {roots[0]} reads one tree"
+        )
+    for element in [*root.findall("link"), *ends]:
+        if ends.get(element, (element.get("name"),))[0] not in selected:
+            root.remove(element)
+
+
+def _repair_rounded_inertia(link: Element) -> str | None:
+    """Repair principal moments that rounding in the file made impossible; return a remark, else None.
+
+    The largest moment may exceed the sum of the others by what half a unit in the last digit of each entry
+    accounts for. The excess is shared among the three.
+    """
+    inertia = link.find("inertial/inertia")
+    texts = [] if inertia is None else [inertia.get(key, "") for key in INERTIA_ENTRIES]
+    try:
+        numbers = [Decimal(text.strip()) for text in texts]
+    except InvalidOperation:
+        return None
+    if inertia is None or not all(number.is_finite() for number in numbers):
+        return None
+    units = [10.0 ** min(int(number.as_tuple().exponent), 0) if number else 0.0 for number in numbers]
+    units = [unit if unit < 1.0 else 0.0 for unit in units]  # whole numbers are exact
+    moments, axes = np.linalg.eigh(symmetric_matrix(*map(float, numbers)))  # ascending
+    excess = moments[2] - moments[1] - moments[0]
+    # the excess is 2 I3 - trace, and I3 changes by v'E v with errors E of the entries and the axis v of I3
+    slopes = 2.0 * np.outer(axes[:, 2], axes[:, 2]) - np.eye(3)
+    rounding = 0.5 * float((np.abs(slopes) * symmetric_matrix(*units)).sum())
+    if moments[0] <= 0.0 or not INERTIA_ROUNDING * moments[2] < excess <= rounding * (1 + FILE_ROUNDING):
+        return None
+    moments += excess / 3.0 * np.array([1.0, 1.0, -1.0])
+    repaired = (axes * moments) @ axes.T
+    for key in INERTIA_ENTRIES:
+        inertia.set(key, repr(float(repaired["xyz".index(key[1]), "xyz".index(key[2])])))
+    name = link.get("name")
+    return f"link {name!r}: its inertia is rounded to impossible moments; repaired in their last digit"
+
+
 def _is_xacro(element: Element) -> bool:
     """Return whether an element is in the namespace of xacro."""
     return "xacro" in element.tag.partition("}")[0]
@@ -159,12 +235,13 @@ class UrdfTree(Tree):
     Messages name the element; the caller prefixes the file.
     """
 
-    def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
+    def __init__(self, root: Element, extra: Sequence[str] = (), base: str | None = None) -> None:
         """Check a URDF, remove other programs' elements, and set `extra` ones aside.
 
         Args:
             root: of the URDF, which the tree changes.
             extra: tags of the dialect's own top-level elements.
+            base: a link; of several trees in the file the one with this link is read.
 
         Raises:
             RobotFileError: the root is no <robot> or has no name; an element is misspelled, or a macro is not
@@ -172,6 +249,11 @@ class UrdfTree(Tree):
         """
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
+        if root.find("link") is None and any(map(_is_xacro, root)):
+            raise RobotFileError(
+                "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
+                "result: xacro FILE > OUT"
+            )
         attribute(root, "<robot>", "name")
         # Drake's files need not declare the link `world`
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
@@ -179,12 +261,24 @@ class UrdfTree(Tree):
         self.root = root
         self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
         self.extra = _take_out(root, extra)  # the dialect's own elements
+        _select_tree(root, base)
+        self.remarks: list[str] = [*filter(None, map(_repair_rounded_inertia, root.findall("link")))]
         # the two ways in which ROS declares motors
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
+        self.gears: dict[str, float] = {}  # of these motors, where it is not 1
+        for transmission in root.iter("transmission"):
+            self._read_gears(transmission)
 
         # links and joints, which `Tree` stores; impossible inertias and limits are removed from `root`
         impossible: Complaints = []
+        for joint in root.findall("joint[@type='planar']"):
+            # read as a floating joint, so that it can be held
+            joint.set("type", "floating")
+            name = joint.get("name", "")
+            impossible.append(
+                (name, f"joint {name!r}: planar joints are only read where they are held (--lock)")
+            )
         tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
@@ -206,7 +300,6 @@ class UrdfTree(Tree):
         self.reference: dict[str, float] = {}  # by coordinate
         # a file with impossible inertias or limits is refused only if their links or joints move
         self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in impossible]
-        self.remarks: list[str] = []
 
     @property
     def frames(self) -> list[str]:
@@ -279,8 +372,40 @@ class UrdfTree(Tree):
         self.closures.append(Closure(name, (frames[0], frames[1]), locked))
 
     def add_motor(self, joint: str) -> None:
-        """Add a motor without a gear to a joint."""
-        self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
+        """Add a motor to a joint, with the gear that the URDF states."""
+        self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}, self.gears.get(joint, 1.0)))
+
+    def _read_gears(self, transmission: Element) -> None:
+        """Read the gear of a motor on one joint; remark on transmissions of several joints.
+
+        The reduction [motor / joint] stands at the actuator (ROS 1), at the joint (ros2_control), or beside
+        both (older files). It is a product where several do.
+        """
+        name = transmission.get("name", "")
+        where = f"transmission {name!r}"
+        kind = (
+            transmission.findtext("type") or transmission.findtext("plugin") or transmission.get("type") or ""
+        )
+        kind = kind.strip().rpartition("/")[2]
+        joints = [joint.get("name", "") for joint in transmission.findall("joint")]
+        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
+            # the motors of these are on no single joint
+            reductions = ", ".join(f"{part} {gear:g}" for part, gear in _reductions(transmission, where))
+            self.remarks.append(
+                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
+                f"{f' ({reductions})' if reductions else ''}: motors are taken to be at these joints, with "
+                f"no gears{_LAWS_OF_TRANSMISSIONS.get(kind, '')}"
+            )
+            return
+        for part, reduction in _reductions(transmission, where):
+            if not reduction:
+                raise RobotFileError(f"{where}: the reduction of {part} is zero")
+            for joint in joints:
+                self.gears[joint] = self.gears.get(joint, 1.0) * reduction
+        if negative := [joint for joint in joints if self.gears.get(joint, 1.0) < 0.0]:
+            self.remarks.append(
+                f"{where}: the motor of {negative[0]} turns against its joint; its sign is left out"
+            )
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.

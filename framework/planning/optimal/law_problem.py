@@ -15,13 +15,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, vstack
+from scipy.sparse import csr_array, vstack
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
+from framework.numerics.sparse_rows import scale_rows
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
@@ -164,11 +165,11 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     # z and u as rows (M, n) on the coefficients of z
     z = basis.matrix(xi)
-    u = diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    u = scale_rows(basis.matrix(xi, 1), 0.5 * problem.task.stretch(sigma, 1))
     # the rows of each motor, bounded beside crossings
     torques = []
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
-        matrix = diags_array(motor_cz) @ z + diags_array(motor_cu) @ u
+        matrix = scale_rows(z, motor_cz) + scale_rows(u, motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
 
@@ -204,7 +205,7 @@ def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> t
     """
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
-    return tuple(diags_array(ratio**2) @ z for ratio in ratios.T)
+    return tuple(scale_rows(z, ratio**2) for ratio in ratios.T)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
@@ -218,8 +219,9 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     C = conditions.matrix
-    gram = (C @ C.T).toarray()  # (k, k)
-    products = (torque.matrix @ C.T).toarray()  # (M, k)
+    C_transposed = C.toarray().T  # (n, k)
+    gram = C @ C_transposed  # (k, k)
+    products = torque.matrix @ C_transposed  # (M, k)
     shares = np.zeros_like(products)
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
@@ -243,7 +245,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
     per_slope = 0.5 * per_u * dxi + 0.5 * per_du * ddxi  # per dz/dxi
     per_bend = 0.5 * per_du * dxi**2  # per d2z/dxi2
-    rows = diags_array(per_z) @ z + diags_array(per_slope) @ z_xi + diags_array(per_bend) @ z_xi_xi
+    rows = scale_rows(z, per_z) + scale_rows(z_xi, per_slope) + scale_rows(z_xi_xi, per_bend)
     if problem.response is None:
         return Affine(rows, constant)
     loaded = problem.response.scalar_slopes  # (k, n)

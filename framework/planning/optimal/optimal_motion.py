@@ -34,7 +34,6 @@ from framework.errors import (
 )
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
-from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import check_rest, find_law_in_balance
 from framework.planning.optimal.least_softening import find_least_softening
@@ -49,6 +48,7 @@ from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, StaticFold, advice_of
 from framework.planning.request import limit_excess, motor_peaks
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     MAX_SOFTENING,
     PEAK_TORQUE_MISMATCH,
@@ -185,7 +185,7 @@ def _find_motion(task: Task) -> OptimalMotion:
     return _certify_law(task, points, best)
 
 
-def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
+def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
     Args:
@@ -237,7 +237,7 @@ class _ElasticSearch:
 
     task: Task
     next_task: Task
-    points: Sequence[CrossingPoint]
+    points: Sequence[SingularPoint]
     sampled: SampledDemand | None
     stages: tuple[ElasticStage, ...]
     stage: int = 0

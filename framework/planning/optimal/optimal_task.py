@@ -17,7 +17,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array
-from framework.planning.condition import CrossingPoint, coefficients_at, undeformed_crossing
+from framework.planning.condition import coefficients_at
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.phase_plane import SquaredSpeed, crossing_rows
 from framework.planning.refusals import UnmetCondition
@@ -52,7 +52,7 @@ class Task(NamedTuple):
         return self.branch.robot
 
     @property
-    def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
+    def targets(self) -> Sequence[SingularPoint]:
         """The points where condition (8) must hold."""
         return self.to_cross.crossing_points
 
@@ -71,14 +71,14 @@ def other_law(task: Task) -> str:
     return "law polynomial or " if task.request.kind == "optimal" else ""
 
 
-def find_crossing_points(task: Task) -> list[CrossingPoint]:
+def find_crossing_points(task: Task) -> list[SingularPoint]:
     """Return the crossing points of the undeformed robot: singular points and points imposed by the user."""
-    return [undeformed_crossing(target) for target in task.targets]
+    return list(task.targets)
 
 
 def conditions_at(
     task: Task,
-    points: Sequence[CrossingPoint],
+    points: Sequence[SingularPoint],
     z0: SquaredSpeed | None = None,
     speed_places: Sequence[float] | None = None,
 ) -> tuple[Array, Array]:
@@ -112,7 +112,7 @@ def conditions_at(
     return np.array(sigmas), np.array(rows).reshape(-1, 4)
 
 
-def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
+def check_speeds(task: Task, points: Sequence[SingularPoint]) -> None:
     """Raise NoLaw if no speed meets condition (8) at a crossing point.
 
     Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
@@ -140,7 +140,7 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
             )
 
 
-def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
+def _check_common_speed(task: Task, point: SingularPoint, rows: Array) -> None:
     """Raise UncontrolledMotions if no s' > 0 meets all conditions (8) at a point.
 
     The rows (k, 4) require A (z, u) = -constant with A = [per_z per_u] = U diag(S) V'. The solution of least
@@ -170,7 +170,7 @@ def check_single_crossings(task: Task) -> None:
     if not task.robot.n_e or task.geometry == "rigid":
         return
     for target in task.targets:
-        if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
+        if target.contact == "tangential" or target.corank > 1:
             event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions escape"
             raise NoLaw(
                 f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "

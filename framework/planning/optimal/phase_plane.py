@@ -36,8 +36,9 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import coefficients, derivative_matrix, evaluate, nodes
-from framework.planning.condition import CrossingPoint, bounds_of_terms, remove_rounding
+from framework.planning.condition import bounds_of_terms, remove_rounding
 from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 # half width in sigma, and nodes, of the panel on which conditions are differentiated
@@ -168,7 +169,7 @@ def _linearised_forces(
 
 
 def crossing_rows(
-    branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None = None
+    branch: Branch, phi: Smoothstep, crossing: SingularPoint, z0: SquaredSpeed | None = None
 ) -> Array:
     """Compute the conditions on a law at a crossing as rows (k, 4) per (1, z, u, u').
 
@@ -181,14 +182,14 @@ def crossing_rows(
         phi: the map from sigma to s.
         z0: the squared speed about which damping is linearised, if any.
     """
-    if crossing.corank > 1 or crossing.touches:
+    if crossing.corank > 1 or crossing.contact == "tangential":
         return _rows_about(branch, phi, crossing, z0)
     wrench_row = _wrench_row(branch, phi, crossing, z0)
     per_du = 0.0  # u' enters only at a touch
     return np.append(wrench_row, per_du)[None]
 
 
-def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
+def _rows_about(branch: Branch, phi: Smoothstep, crossing: SingularPoint, z0: SquaredSpeed | None) -> Array:
     """Compute the conditions (k, 4) per (1, z, u, u') of all uncontrolled motions at a crossing.
 
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
@@ -208,7 +209,7 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: Sq
         scale = scale.max()
         rows = _independent_rows(rows, scale)
 
-    if crossing.touches:
+    if crossing.contact == "tangential":
         series = coefficients(values[:-1].reshape(NODES, -1))  # of (c0, cz, cu) on the panel
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half_width
         slopes[:, 2] += 2.0 * rows[:, 1]  # cu' + 2 cz
@@ -263,7 +264,7 @@ def _independent_rows(rows: Array, size: float) -> Array:
 def _wrench_row(
     branch: Branch,
     phi: Smoothstep,
-    crossing: CrossingPoint,
+    crossing: SingularPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
     """Compute t_s . W_p (3,) at a crossing per (1, z, u).
@@ -288,7 +289,7 @@ def _wrench_row(
 
 
 def _bound_wrench_terms(
-    branch: Branch, phi: Smoothstep, crossing: CrossingPoint, sigma: float, rates: Array
+    branch: Branch, phi: Smoothstep, crossing: SingularPoint, sigma: float, rates: Array
 ) -> Array:
     """Bound the terms of t_s . W_p (3,) per (1, z, u).
 

@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array
+from scipy.sparse import csr_array, eye_array
 
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array
@@ -35,6 +35,7 @@ from framework.numerics.cone_program import (
     product_cone,
     solve_cone_program,
 )
+from framework.numerics.sparse_rows import row_maxima, scale_rows
 from framework.planning.optimal.law_problem import LawProblem, MotorRows, condition_rows, motor_rows
 from framework.planning.optimal.path_series import cells_about
 from framework.tolerances import LIMIT_MARGIN
@@ -168,8 +169,8 @@ class SpeedProgram:
         inside = self._inner_points
         sigma = self.problem.sigma(self.xi)[inside]
         z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        curvature = diags_array(stretch(sigma, 1) ** 2) @ z_xi_xi + diags_array(stretch(sigma, 2)) @ z_xi
-        rows = diags_array(np.sqrt(self._inner_weights)) @ curvature
+        curvature = scale_rows(z_xi_xi, stretch(sigma, 1) ** 2) + scale_rows(z_xi, stretch(sigma, 2))
+        rows = scale_rows(curvature, np.sqrt(self._inner_weights))
         # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
         return linear_rows(y=rows / size)
@@ -530,10 +531,12 @@ def _scale_large_rows(rows: AffineRows) -> AffineRows:
     """
     if not len(rows.offset):
         return rows
-    largest = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
+    largest = row_maxima(rows.parts["y"])
+    if largest.max() <= MAX_ROW_SIZE:
+        return rows
     factors = 1.0 / np.maximum(1.0, largest / MAX_ROW_SIZE)
-    scaling = diags_array(factors)
-    return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, factors * rows.offset)
+    parts = {name: scale_rows(matrix, factors) for name, matrix in rows.parts.items()}
+    return AffineRows(parts, factors * rows.offset)
 
 
 def _bound_size(

@@ -19,7 +19,6 @@ import numpy as np
 from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
 from framework.laws.optimal_law import OptimalLaw
 from framework.laws.squared_speed import SpeedSpace
-from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
@@ -34,6 +33,7 @@ from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
@@ -52,7 +52,7 @@ def find_undeformed_law(task: Task) -> Best:
     return find_law(task, points)
 
 
-def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
+def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
     """Find the best law through crossing points, with its own damping.
 
     Args:
@@ -70,7 +70,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
 
 
 def _settle_damping(
-    problem: LawProblem, points: Sequence[CrossingPoint], *, enough: float = 0.0
+    problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
 ) -> Best | NoneFound:
     """Find the best law, with damping linearised about the law itself.
 
@@ -124,7 +124,7 @@ def _lift_torque_limits(problem: LawProblem) -> LawProblem:
 
 def adapt_found_law(
     task: Task,
-    points: Sequence[CrossingPoint],
+    points: Sequence[SingularPoint],
     best: Best,
     *,
     excess: float = 1.0,
@@ -154,7 +154,7 @@ def adapt_found_law(
 
 
 def problem_of(
-    task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
+    task: Task, points: Sequence[SingularPoint], speed_places: Sequence[float] | None = None
 ) -> LawProblem:
     """Return the problem of a task, without damping.
 
@@ -184,7 +184,7 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
+def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
@@ -216,7 +216,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     return float(np.abs(torque_error / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: OptimalLaw) -> OptimalLaw:
     """Find the law nearest in speed that meets condition (8) with damping, to rounding.
 
     Args:
@@ -238,7 +238,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
     return law
 
 
-def refuse_law(problem: LawProblem, points: Sequence[CrossingPoint], none: NoneFound) -> NoLaw | NotConverged:
+def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneFound) -> NoLaw | NotConverged:
     """Return the refusal of a problem without a law, with a proof or the evidence of a search.
 
     A motor that cannot hold the robot at an end of the path excludes every law. So does a bound of all peaks
@@ -333,7 +333,7 @@ def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
     return _RelativePeaks(least.speed.peak, least.speed.peak_speed)
 
 
-def _find_quickest(problem: LawProblem, points: Sequence[CrossingPoint]) -> float | None:
+def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> float | None:
     """Find a duration [s] near the least within the limits; None without limits or if no law was found.
 
     Args:

@@ -4,7 +4,7 @@ Nothing of the framework is called: it gives the `pin.Model`, the names of frame
 It stands for what others can do without us, at its best: no checks, every pose started from the one before.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,23 @@ class Motion(NamedTuple):
 def solve_each(matrices: Array, right: Array) -> Array:
     """Solutions (T, k) of matrices (T, k, k) for right sides (T, k)."""
     return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+
+
+def newton_in_stacks(
+    evaluate: Callable[[int, Array], tuple[Array, Array]], guess: Array
+) -> tuple[Array, Array]:
+    """Joints (T, k) with no residual, by Newton's method from guesses, and the derivatives (T, k, k) there.
+
+    `evaluate` gives residual and derivatives at a pose of number k; all poses are solved in one stack.
+    """
+    q, settled = guess, False
+    for _ in range(MOST):
+        residuals, rows = map(np.array, zip(*(evaluate(k, pose) for k, pose in enumerate(q)), strict=True))
+        if settled:
+            return q, rows
+        step = solve_each(rows, residuals)
+        q, settled = q - step, np.abs(step).max() < SETTLED
+    raise ArithmeticError("the loops do not close")
 
 
 class BareRobot:
@@ -72,10 +89,18 @@ class BareRobot:
             rows.append(derivatives)
         return np.array(poses), np.array(rows)
 
-    def motion(self, x: Array, dx: Array, ddx: Array, start: Array | None = None) -> Motion:
-        """The joints' motion under x(t), x', x" (T, 2) of the platform."""
+    def motion(
+        self, x: Array, dx: Array, ddx: Array, start: Array | None = None, guess: Array | None = None
+    ) -> Motion:
+        """The joints' motion under x(t), x', x" (T, 2) of the platform.
+
+        From pose to pose, the first one near `start` (4,); or in stacks, each pose near its `guess` (T, 4).
+        """
         model, data = self.model, self.data
-        q, rows = self.joints(x, start)
+        if guess is None:
+            q, rows = self.joints(x, start)
+        else:
+            q, rows = newton_in_stacks(lambda k, pose: self.evaluate(pose, x[k]), guess)
         still = np.zeros_like(x)
         v = solve_each(rows, np.hstack([still, dx]))
         right = np.hstack([still, ddx])
@@ -95,6 +120,11 @@ class BareRobot:
     def passive(self, rows: Array) -> Array:
         """The loop's derivatives along the passive joints (.., 2, 2)."""
         return np.asarray(rows[..., :2, self.others])
+
+    def torques_of(self, q: Array, v: Array, a: Array) -> Array:
+        """Motor torques (T, 2) [N m] of a motion (T, 4) that is known, at each instant for itself."""
+        rows = np.array([self.evaluate(pose, np.zeros(2))[1] for pose in q])
+        return self.torques(Motion(q, v, a, rows))
 
     def torques(self, motion: Motion) -> Array:
         """Motor torques (T, 2) [N m], at each instant for itself."""

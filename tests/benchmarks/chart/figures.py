@@ -19,16 +19,16 @@ from tests.benchmarks.chart.measure import Method, Row, Stage
 from tests.benchmarks.chart.reading import LEAST, WRONG, finite, front, sentence
 
 PALETTE = {
-    "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733"),
+    "ours": ("#0072B2", "#009E73", "#56B4E9", "#332288", "#117733", "#44AA99", "#555555"),
     "peer": ("#D55E00", "#CC79A7", "#E69F00", "#882255", "#999933", "#8c510a", "#dd6677"),
     "frontier": ("#000000",),
 }
-WIDTH, AXES = 7.2, 2.7  # [in] two journal columns; height of axes
+WIDTH, AXES = 9.0, 2.7  # [in] of a figure; height of axes
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
 TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
 MARKERS = "os^Dv<>Pphd*X"
-LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
+LEGEND_COLUMNS, LETTERS = 2, 175  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
 SHORT_SIZE = (6.2, 3.0)  # [in] of the figure read at a glance
 SHORT_OFFSET = 5.0  # [pt] of a name from its point
@@ -39,9 +39,11 @@ DIGITS = 16  # that a cell may lose
 def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     """The figure of a stage: errors over times, axes for each of its problems, and the profile of all."""
     drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
-    named: dict[str, Method] = {}  # one entry a label, the first one's
+    named: dict[str, Method] = {}  # one entry a label, with what it is given in each panel
+    given: dict[str, dict[str, None]] = {}
     for method in drawn:
         named.setdefault(method.label, method)
+        given.setdefault(method.label, {})[method.given] = None
     text, columns = _below(stage, rows), len(stage.panels) + bool(stage.profile)
     below = BELOW + LINE * (-(-len(named) // LEGEND_COLUMNS) + len(text) + 1)
     height = below + TOP + AXES
@@ -63,8 +65,8 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     if stage.profile:
         _plot_profile(axes[-1], stage, drawn, rows, looks)
     handles = [
-        figure.axes[0].plot([], [], **looks[method.name], label=f"{method.label} ({method.given})")[0]
-        for method in named.values()
+        figure.axes[0].plot([], [], **looks[method.name], label=f"{label} ({' / '.join(given[label])})")[0]
+        for label, method in named.items()
     ]
     figure.legend(
         handles=handles,

@@ -120,6 +120,11 @@ class Stage:
         return not self.goals
 
     @property
+    def has_peers(self) -> bool:
+        """Whether some methods are others'."""
+        return any(method.kind == "peer" for method in self.methods)
+
+    @property
     def panels(self) -> tuple[str, ...]:
         """The problems of the stage, in the order of its methods."""
         return tuple(dict.fromkeys(method.panel for method in self.methods))

@@ -67,7 +67,7 @@ def sentence(stage: Stage, rows: Sequence[Row]) -> str:
     lines = []
     for panel in stage.panels:
         for goal in stage.goals:
-            words = compared(times_to(stage, rows, goal, panel))
+            words = compared(times_to(stage, rows, goal, panel), alone=not stage.has_peers)
             if words:
                 where = f"{panel}, to" if panel else "to"
                 lines.append(f"{where[0].upper()}{where[1:]} {goal:.0e}: {words}.")
@@ -89,8 +89,11 @@ def counts(stage: Stage, rows: Sequence[Row]) -> str:
     return "; ".join(words)
 
 
-def compared(times: Sequence[Time]) -> str:
-    """Ours against the quickest other, and the frontier; `times` of each kind from quick to slow."""
+def compared(times: Sequence[Time], *, alone: bool = False) -> str:
+    """Ours against the quickest other, and the frontier; `times` of each kind from quick to slow.
+
+    Ours `alone` where a stage has no other's methods.
+    """
     quickest = {kind: next((t for t in times if t.method.kind == kind), None) for kind in ("ours", "peer")}
     ours, peer = quickest["ours"], quickest["peer"]
     words = "; ".join(_words(time) for time in (ours, peer) if time is not None)
@@ -100,7 +103,7 @@ def compared(times: Sequence[Time]) -> str:
             words += " (equal within the spread)"
         else:
             words += f" ({max(ratio, 1 / ratio):.2g} times {'more' if ratio > 1 else 'less'} for ours)"
-    elif words:
+    elif words and not alone:
         words += ", no other comes to it" if peer is None else ", ours does not come to it"
     frontier = next((time for time in times if time.method.kind == "frontier"), None)
     return words if frontier is None else f"{words}; {_words(frontier)}".removeprefix("; ")

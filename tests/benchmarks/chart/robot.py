@@ -132,10 +132,14 @@ class SceneC:
         """(T, 2) at each instant for itself, by pinocchio and numpy alone."""
         return bare().torques(self.bare_motion(times))
 
+    def guess(self, times: Array) -> Array:
+        """Joints (T, 4) near those of the path as followed."""
+        return branch().guess(self.law(times))
+
     def motion(self, times: Array) -> Motion:
         """All joints, loops closed in one stack."""
         x, dx, ddx = self.platform(times)
-        closed = close_loops(robot(), x, branch().guess(self.law(times)))
+        closed = close_loops(robot(), x, self.guess(times))
         return motion_at(robot(), closed, dx, ddx)
 
     def pointwise(self, times: Array, solve: Solve = solve_each) -> Array:

@@ -8,7 +8,7 @@ from framework import InvalidInput
 from framework.errors import choose_from
 from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting
 
-NAMES = ("torque", "failure")
+NAMES = ("torque", "failure", "levels")
 
 
 def stage(name: str) -> Stage:

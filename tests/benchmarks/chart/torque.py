@@ -1,16 +1,19 @@
 """Stage a: motor torques along a crossing of the rigid 5R (scene C, 10 kg, singular at 1 s).
 
-Two products in two panels. Evaluated: path followed and law are given, and the torques are wanted as a
-function of time. Located and proved: path and law alone are given; the singular point is to be found,
-condition (8) to be checked, and the error to be bounded or estimated. Instant by instant the torque is a
-quotient 0/0 at the crossing: what a method leaves of condition (8) by rounding, by differences or by damping
-is divided by the distance to the singular instant. Tables are read by splines of degree 3, 5, 7 and 9.
+Three products in three panels. Motion given: positions, rates and accelerations of all joints are known at
+the nodes, and the torques are wanted as a function of time. Path and law given: the path is followed already,
+and the loops are closed at the nodes too, from the same guesses for all. Located and proved: path and law
+alone are given; the singular point is to be found, condition (8) to be checked, and the error to be bounded
+or estimated. On nodes each method has the same Chebyshev nodes and solves its systems in one stack. Instant
+by instant the torque is a quotient 0/0 at the crossing: what a method leaves of condition (8) by rounding, by
+differences or by damping is divided by the distance to the singular instant. Tables are read by splines of
+degree 3, 5, 7 and 9.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -18,6 +21,9 @@ from scipy import fft, optimize
 from scipy.interpolate import make_interp_spline
 
 from framework import plan_crossing
+from framework.dynamics.forces import joint_forces, motor_torque
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.motion_rates import Motion
 from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
@@ -126,21 +132,68 @@ def _chebyshev(setting: Setting) -> Callable[[], Torques]:
     return run
 
 
+def _series(torque: Callable[[Array], Array], nodes: Array) -> Torques:
+    """The Chebyshev series through a method's torques at the nodes."""
+    series = fft.dct(torque(nodes), axis=0) / len(nodes)
+    series[0] /= 2
+
+    def values(t: Array) -> Array:
+        return np.asarray(chebyshev.chebval(2 * np.asarray(t) / T - 1, series)).T
+
+    return Torques(values, values)
+
+
+def _nodes(setting: Setting) -> Array:
+    """Chebyshev nodes [s], of which none is at the singular instant: cos(pi (k + 1/2) / N) is never 1/3."""
+    size = round(setting[0])
+    return np.asarray(0.5 * T * (1.0 + np.cos(np.pi * (np.arange(size) + 0.5) / size)))
+
+
 def _formula_series(setting: Setting) -> Callable[[], Torques]:
-    """On Chebyshev nodes, of which none is at the singular instant: cos(pi (k + 1/2) / N) is never 1/3."""
-    law, size = given.law(), round(setting[0])
-    nodes = 0.5 * T * (1.0 + np.cos(np.pi * (np.arange(size) + 0.5) / size))
+    law, nodes = given.law(), _nodes(setting)
+    return lambda: _series(lambda t: formula(law, t), nodes)
 
-    def run() -> Torques:
-        series = fft.dct(formula(law, nodes), axis=0) / size
-        series[0] /= 2
 
-        def values(t: Array) -> Array:
-            return np.asarray(chebyshev.chebval(2 * np.asarray(t) / T - 1, series)).T
+def _of_motion(torques: Callable[[], Callable[..., Array]]) -> Callable[[Setting], Callable[[], Torques]]:
+    """Methods that are given q, v, a of all joints at the nodes; `torques` makes one ready."""
 
-        return Torques(values, values)
+    def prepare(setting: Setting) -> Callable[[], Torques]:
+        nodes, method = _nodes(setting), torques()
+        motion = SceneC(given.law()).motion(nodes)
+        return lambda: _series(lambda _: method(motion.q, motion.v, motion.a), nodes)
 
-    return run
+    return prepare
+
+
+def _ours_of_motion() -> Callable[..., Array]:
+    robot = given.robot()
+
+    def torques_of(q: Array, v: Array, a: Array) -> Array:
+        motion = Motion(q, v, a, linearised_at(robot, q))
+        return motor_torque(robot, motion, joint_forces(robot, motion).joint_torque)
+
+    return torques_of
+
+
+def _constraint_dynamics() -> Callable[..., Array]:
+    from tests.benchmarks.chart.peers.pinocchio_constraint import ConstraintDynamics
+
+    return ConstraintDynamics(given.robot()).torques
+
+
+def _pinocchio_nodes(setting: Setting) -> Callable[[], Torques]:
+    case, robot, nodes = SceneC(given.law()), bare(), _nodes(setting)
+
+    def torque(t: Array) -> Array:
+        x, dx, ddx = case.platform(t)
+        return robot.torques(robot.motion(x, dx, ddx, guess=case.guess(t)))
+
+    return lambda: _series(torque, nodes)
+
+
+def _mujoco_nodes(setting: Setting) -> Callable[[], Torques]:
+    case, tree, nodes = SceneC(given.law()), _tree(), _nodes(setting)
+    return lambda: _series(lambda t: tree.torques(*tree.motion(*case.platform(t), case.guess(t))), nodes)
 
 
 def _certified(setting: Setting) -> Callable[[], Torques]:
@@ -198,23 +251,19 @@ def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     return run
 
 
-def _mujoco(setting: Setting) -> Callable[[], Torques]:
+def _tree() -> Any:
+    """The open tree in MuJoCo, with the joints in the order of the robot."""
     from tests.benchmarks.chart.peers.five_bar import FiveBar
     from tests.benchmarks.chart.peers.mujoco_inverse import Tree
 
-    robot, law = given.robot(), given.law()
-    tree = Tree(
-        FiveBar.of("five_bar", "rigid"), [robot.coordinates.name_of(c) for c in range(robot.model.nv)]
-    )
-    times = np.linspace(0.0, T, round(setting[0]))
-    case = SceneC(law)
-    known = case.motion(times)
+    robot = given.robot()
+    joints = [robot.coordinates.name_of(column) for column in range(robot.model.nv)]
+    return Tree(FiveBar.of("five_bar", "rigid"), joints)
 
-    def instant(t: Array) -> Array:
-        motion = known if len(t) == len(times) else case.motion(t)
-        return tree.inverse(motion.q, motion.v, motion.a).torque
 
-    return lambda: tabulated(instant, setting)
+def _mujoco_table(setting: Setting) -> Callable[[], Torques]:
+    case, tree = SceneC(given.law()), _tree()
+    return lambda: tabulated(lambda t: tree.torques(*tree.motion(*case.platform(t), case.guess(t))), setting)
 
 
 def reference(times: Array, *, offset: float = 0.0) -> Array:
@@ -259,11 +308,14 @@ def _remark(rows: Sequence[Row]) -> str:
     )
 
 
-EVALUATED, PROVED = "evaluated", "located and proved"
+MOTION, EVALUATED, PROVED = "motion of all joints given", "path and law given", "located and proved"
+_JOINTS = "all joints' q, q', q\""
 _GIVEN = "path followed; s, s', s\" exact"
 _TABLE = "samples, degree"
 _CUTS = singles(*(10.0**-k for k in range(1, 13)))
+_moved = partial(Method, panel=MOTION, given=_JOINTS, unit="nodes", settings=NODES)
 _ours = partial(Method, panel=EVALUATED)
+_nodes_of = partial(Method, panel=EVALUATED, given=_GIVEN, unit="nodes", settings=NODES)
 _table = partial(Method, given=_GIVEN, unit=_TABLE, settings=TABLES, panel=EVALUATED)
 _cut = partial(Method, given=_GIVEN, settings=_CUTS, panel=EVALUATED)
 _proved = partial(Method, panel=PROVED)
@@ -273,19 +325,59 @@ STAGE = Stage(
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the torques  [N m]",
     methods=(
-        _ours("chebyshev", "ours, Chebyshev nodes", _chebyshev, _GIVEN, "nodes", NODES),
+        _moved("forces", "ours, nodes", _of_motion(_ours_of_motion)),
+        _moved(
+            "pinocchio_forces",
+            "Pinocchio and numpy, nodes",
+            _of_motion(lambda: bare().torques_of),
+            source="chart/bare.py: rnea and frame Jacobians at each node, one stacked solve",
+        ),
+        _moved(
+            "mujoco_forces",
+            "MuJoCo, nodes",
+            _of_motion(lambda: _tree().torques),
+            source="mj_inverse of the open tree and mj_jacSite at each node, one stacked solve",
+            package="mujoco",
+        ),
+        _moved(
+            "constraint",
+            "Pinocchio's constraintDynamics, nodes",
+            _of_motion(_constraint_dynamics),
+            source="three calls at each node, turned round (peers/pinocchio_constraint.py)",
+        ),
+        _ours("chebyshev", "ours, nodes", _chebyshev, _GIVEN, "nodes", NODES),
+        _nodes_of(
+            "pinocchio_nodes",
+            "Pinocchio and numpy, nodes",
+            _pinocchio_nodes,
+            source="chart/bare.py: Newton's method in stacks, rnea at each node, one stacked solve",
+        ),
+        _nodes_of(
+            "mujoco_nodes",
+            "MuJoCo, nodes",
+            _mujoco_nodes,
+            source="loops closed by MuJoCo's Jacobians and mj_jacDot in stacks, then as above",
+            package="mujoco",
+        ),
         _table(
             "pointwise",
-            "pointwise in stacks, our kinematics",
+            "tables, our kinematics",
             _tables(lambda law, t: SceneC(law).pointwise(t)),
             source="poses closed in one stack by the framework, everything else numpy; table by spline",
         ),
         _table(
             "pinocchio",
-            "pointwise, Pinocchio and numpy alone",
+            "tables, Pinocchio and numpy",
             _tables(lambda law, t: SceneC(law).bare_torques(t)),
             given="path; s, s', s\" exact",
             source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
+        ),
+        _table(
+            "mujoco",
+            "tables, MuJoCo",
+            _mujoco_table,
+            source="as MuJoCo on nodes (peers/mujoco_inverse.py); table by spline",
+            package="mujoco",
         ),
         _table(
             "differences",
@@ -309,14 +401,6 @@ STAGE = Stage(
             _regularised(damped),
             unit="damping over the size of P",
             source="normal equations with mu^2, damping as in the table; 257 samples, degree 9",
-        ),
-        _table(
-            "mujoco",
-            "MuJoCo, inverse",
-            _mujoco,
-            given="all joints' q, q', q\" exact",
-            source="mj_inverse of the open tree, loop force by least squares (peers/mujoco_inverse.py)",
-            package="mujoco",
         ),
         _ours(
             "formula",
@@ -352,13 +436,13 @@ STAGE = Stage(
     goals=(1e-6, 1e-10),
     remark=_remark,
     profile=DISTANCES,
-    profiled="distance to the singular instant  [s]",
+    profiled="distance to the instant  [s]",
     profile_title="Asked at that very instant",
     short={
         "formula": ("formula written\nfor this robot", -1),
         "chebyshev": ("this framework", -1),
-        "pointwise": ("pose by pose,\nin stacks", -1),
-        "mujoco": ("MuJoCo", 0),
-        "pinocchio": ("Pinocchio", -1),
+        "pinocchio_nodes": ("Pinocchio,\nour nodes", -1),
+        "mujoco_nodes": ("MuJoCo,\nour nodes", -1),
+        "pinocchio": ("Pinocchio,\ntables", -1),
     },
 )

@@ -6,6 +6,7 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
 from framework.kinematics.continuation.tracking import follow_path
+from framework.kinematics.linearised_loops import linearised_at
 from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -87,9 +88,10 @@ def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(nam
 def test_springs_keep_their_deflections_along_a_path():
     robot = robots.load("five_bar", flexibility="flexible_links")
     q = assemble(robot).q
-    way = follow_path(robot, Line(assemble(robot).x, [0.05, 0.3]), q)
-    for here in way.q:
-        np.testing.assert_array_equal(here[robot.elastic], q[robot.elastic])
+    way = follow_path(robot, Line(assemble(robot).x, [0.05, 0.3]), linearised_at(robot, q[None]))
+    for poses in (*way.panels, *way.steps):
+        deflections = poses.q[:, robot.elastic]
+        np.testing.assert_array_equal(deflections, np.broadcast_to(q[robot.elastic], deflections.shape))
 
 
 def test_a_path_of_other_coordinates_is_refused():

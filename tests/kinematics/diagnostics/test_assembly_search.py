@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Mechanism, NotAssembled, ParallelRobot
+from framework import Mechanism, NotAssembled, ParallelRobot, check_robot
 from framework.cli import main
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from tests.kinematics.linkages import ball, frame, joint, linkage
@@ -175,3 +175,58 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
     pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
     assert main(["check", str(file), "--reference", *pasted]) == 0
+
+
+@pytest.mark.parametrize("kind", ["spherical", "fixed", "revolute"])
+def test_one_joint_that_cannot_close_its_loop_is_refused(tmp_path, kind):
+    """An arm of 1 m ends 2 m from a point at 3 m, wherever it turns within its range."""
+    limit = 'lower="-1" upper="1"'
+    arm = joint("arm", "base", kind="revolute", limit=limit, mass=1) + frame("tip", "arm_link", (1, 0, 0))
+    content = (
+        "platform: {joints: [arm]}\nactuators: [{joint: arm}]\n"
+        f"closures: [{{name: pin, frames: [post, tip], kind: {kind}}}]\n"
+    )
+    robot = linkage(tmp_path, arm + frame("post", "base", (3, 0, 0)), content)
+    with pytest.raises(NotAssembled, match="do not close"):
+        find_closed_pose(robot)
+
+
+def slider_crank(folder, reference, crank="", block='lower="-9" upper="9"'):
+    """Crank 0.1 m, rod 0.26 m, a block on the x axis: at crank angle a it is at 0.1 cos a +- sqrt(...)."""
+    elements = (
+        joint("crank", "base", kind="revolute" if crank else "continuous", limit=crank)
+        + joint("rod", "crank_link", (0.1, 0, 0))
+        + frame("pin", "rod_link", (0.26, 0, 0))
+        + joint("block", "base", axis="x", kind="prismatic", limit=block)
+    )
+    rest = (
+        "platform: {joints: [block]}\nactuators: [{joint: crank}]\n"
+        f"closures: [{{name: pin, frames: [pin, block_link], axes: [x, y]}}]\nreference: {reference}\n"
+    )
+    return linkage(folder, elements, rest)
+
+
+def test_a_limit_that_contradicts_the_loop_is_blamed(tmp_path):
+    """The block is never nearer than 0.16 m."""
+    with pytest.raises(
+        NotAssembled, match=r"only beyond the joints' limits, with block position .* m of 0\.12"
+    ):
+        find_closed_pose(slider_crank(tmp_path, "{crank: 0.5}", block='lower="0.05" upper="0.12"'))
+
+
+def test_what_the_reference_states_stays_as_far_as_the_loops_allow(tmp_path):
+    mechanism = slider_crank(tmp_path, "{crank: 2.0}")
+    q = find_closed_pose(mechanism).q
+    crank, rod, block = (
+        float(q[mechanism.coordinates.names.index(name)]) for name in ("crank", "rod", "block")
+    )
+    assert crank == pytest.approx(2.0, abs=1e-2)
+    tip = 0.1 * np.exp(1j * crank) + 0.26 * np.exp(1j * (crank + rod))
+    assert abs(tip - block) < 1e-9
+
+
+def test_without_a_reference_a_pose_within_ranges_is_proposed(tmp_path):
+    mechanism = slider_crank(tmp_path, "{}", crank='lower="0.7" upper="1.2"', block='lower="0.2" upper="0.3"')
+    reference = check_robot(mechanism).reference
+    assert 0.7 <= reference["crank"] <= 1.2
+    assert 0.2 <= reference["block"] <= 0.3

@@ -214,6 +214,9 @@ def test_an_mjcf_ankle_plans_alike_wherever_its_balls_have_their_zero(tmp_path):
     assert all(plan.certificate.max_closure_error < 1e-13 for plan in plans)
 
 
+HALF = np.sqrt(0.5)
+
+
 def ankle_with_bulky_rods(folder: Path, inertia: float) -> ParallelRobot:
     """The ankle whose rods have an inertia of this order [kg m^2] that is not symmetric about their lines."""
     root = ElementTree.fromstring(with_thin_rods(FILE.read_text()))
@@ -232,7 +235,7 @@ def test_a_rod_that_would_spin_is_held_if_that_costs_little_and_else_by_what_the
     peak = max(plan.peak_torque.values())
     assert 1e-6 * peak < plan.certificate.max_held_torque < 1e-4 * peak
     assert simulate(light, plan).tracking_error < 1e-5  # m, rad: the rods spin there
-    bulky = ankle_with_bulky_rods(tmp_path, 5e-3)
+    bulky = ankle_with_bulky_rods(tmp_path, 0.2)
     with pytest.raises(LoadedJoint) as caught:
         plan_crossing(bulky, path, duration=1.0)
     parent, rod = re.search(r"closure {frames: \[(\S+), (\S+)\], axes: \[rz\]}", str(caught.value)).groups()
@@ -261,3 +264,34 @@ def test_a_rod_on_balls_is_one_working_mode_however_it_spins(tmp_path):
     cranks = np.unique(np.round([mode.motors for mode in ours.modes] - zeros, 9), axis=0)
     assert len(cranks) == len(upright) == 4
     np.testing.assert_allclose(np.sort(upright, axis=0), np.sort(cranks, axis=0), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("line", "quat"), [("x", "1 0 0 0"), ("y", f"{HALF} 0 0 {-HALF}"), ("z", f"{HALF} 0 {HALF} 0")]
+)
+def test_a_bent_rod_is_held_about_its_own_line_whatever_frame_the_ball_has(tmp_path, crossing, line, quat):
+    """A rod of 0.24 m along an axis of its ball, its centre of mass 1.4 mm beside the line."""
+    axis = "xyz".index(line)
+    tip, centre = (vector_text(np.roll(v, axis)) for v in ([0.24, 0, 0], [0.12, 1e-3, 1e-3]))
+    file = tmp_path / "bent.xml"
+    file.write_text(f"""<mujoco model="bent"><compiler angle="radian"/><worldbody>
+      <body name="arm"><joint name="arm" axis="0 1 0"/>
+        <inertial pos="0 0 0.02" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+        <body name="rod" pos="0 0 0.05" quat="{quat}"><joint name="ball" type="ball"/>
+          <inertial pos="{centre}" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+          <site name="end" pos="{tip}"/></body></body>
+      <body name="flap" pos="0.24 0 0"><joint name="flap" axis="0 1 0"/>
+        <inertial pos="0.05 0 0" mass="1" diaginertia="1e-2 1e-2 1e-2"/>
+        <site name="horn" pos="0 0 0.05"/></body>
+      </worldbody><equality><connect site1="end" site2="horn"/></equality>
+      <actuator><motor name="m" joint="arm"/></actuator></mujoco>""")
+    out = tmp_path / "robot"
+    assert crossing("convert", file, "--out", out)[0] == 0
+    move = ("--from", "0", "--to", "0.3", "--duration", "1")
+    code, text, err = crossing("plan", out / "bent.yaml", *move)
+    assert (code, err) == (0, "")
+    assert f"idle turns        ball_r{line} held still" in text
+    assert f"what nothing holds of ball_r{line}: worth" in text
+    locked = tmp_path / "locked"
+    assert crossing("convert", file, "--lock", f"ball_r{line}", "--out", locked)[0] == 0
+    assert crossing("plan", locked / "bent.yaml", *move)[0] == 0

@@ -525,3 +525,23 @@ def test_mjcf_inactive_equalities_are_left_out(tmp_path):
     loops = '<connect body1="one" anchor="0 0 0"/><connect body1="one" anchor="1 0 0" active="false"/>'
     robot = read_mjcf_text(mjcf('<body name="one"><joint name="j"/></body>', loops), tmp_path)
     assert len(robot.description.closures) == 1
+
+
+def test_an_edited_robot_file_is_not_overwritten_unless_asked_for(tmp_path):
+    """Neither is a file of the same name by somebody else."""
+    file, options = FIVE_BARS["urdf+"]
+    description = read_any(file, **options)
+    written = write_robot_file(description, tmp_path / "out")
+    write_robot_file(description, tmp_path / "out", comments=["Again."])  # as it was generated
+    generated = {path: path.read_text() for path in (written, written.with_suffix(".urdf"))}
+    for path, text in generated.items():
+        path.write_text(text + "\n")
+        with pytest.raises(OutputError, match=r"is edited, or not of this program; .* --overwrite"):
+            write_robot_file(description, tmp_path / "out")
+        assert path.read_text() == text + "\n"
+        path.write_text(text)
+    write_robot_file(description, tmp_path / "out")
+    written.unlink()
+    with pytest.raises(OutputError, match=rf"{description.name}\.urdf is edited"):
+        write_robot_file(description, tmp_path / "out")
+    write_robot_file(description, tmp_path / "out", overwrite=True)

@@ -70,7 +70,11 @@ CHANGES = {
         ("<robot", "<robots", "not well-formed XML"),
         ('<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
         ('<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
-        ('name="tip_B_frame" type="fixed"', 'name="tip_B_frame" type="planar"', "unknown type 'planar'"),
+        (
+            'name="tip_B_frame" type="fixed"',
+            'name="tip_B_frame" type="planar"',
+            "planar joints are only read where they are held",
+        ),
         ('name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
         ('<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
         ('xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
@@ -326,3 +330,35 @@ def test_the_line_of_an_element_that_cannot_be_read_is_named(name, old, new, tmp
     text = GOOD[name].read_text().replace(old, new, 1)
     message = refused(written(tmp_path, name, text), **options(name))
     assert f": line {text[: text.index(new)].count(chr(10)) + 1}: " in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<robot name='r'>" + "<!--" * 400_000,  # comments without an end, and two hyphens inside
+        "<robot name='r'>" + "".join(f"<a{k}:b/>" for k in range(60_000)) + "</robot>",  # prefixes
+        "<robot name='r'><!--" + "<joint " * 400_000 + "--><link name='a'/><joint name='j' type='bent'>"
+        "<parent link='a'/><child link='a'/></joint></robot>",  # before the element that is named
+    ],
+    ids=["comments", "prefixes", "line"],
+)
+def test_the_time_to_refuse_grows_with_the_length_of_a_file_and_not_with_its_square(text, tmp_path):
+    assert refused(written(tmp_path, "ros", text))
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ('<worldbody><replicate count="90000"><geom size="1"/></replicate>', "<replicate> count: 90000"),
+        ("<worldbody>" + '<replicate count="99">' * 3 + '<geom size="1"/>' + "</replicate>" * 3, "copies"),
+        ('<worldbody><flexcomp name="f" type="grid" count="99 99 99" dim="3"/>', "<flexcomp> count: 970299"),
+        ('<asset><hfield name="h" nrow="9000" ncol="9000" size="1 1 1 1"/></asset><worldbody>', "<hfield>"),
+        ('<size nuser_body="90000000"/><worldbody>', "<size> nuser_body: 9e+07 parts"),
+    ],
+)
+def test_few_characters_that_mujoco_makes_many_parts_of_are_refused_first(part, words, tmp_path):
+    text = GOOD["sites"].read_text().replace("<worldbody>", part, 1)
+    assert words in refused(written(tmp_path, "sites", text), **SAID)
+    (tmp_path / "part.xml").write_text(text)
+    (tmp_path / "whole.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+    assert words in refused(tmp_path / "whole.xml", **SAID)

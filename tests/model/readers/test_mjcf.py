@@ -185,3 +185,32 @@ def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(MissingPackage, match=r"pip install 'parallel-singularity-crossing\[mjcf\]'"):
         read(tmp_path)
+
+
+RODS = (
+    '<body name="one"><joint name="j" axis="0 1 0"/><geom size="0.1" mass="1"/>'
+    '<site name="p" pos="0.3 0 0"/></body>'
+    '<body name="two" pos="0 0 0.4"><joint name="k" axis="0 1 0"/><geom size="0.1" mass="1"/>'
+    '<site name="q" pos="0.3 0 0"/><site name="r"/></body>'
+)
+
+
+def spatial(*sites: str) -> str:
+    path = "".join(f"<site site={name!r}/>" for name in sites)
+    return f'<tendon><spatial name="rod">{path}</spatial></tendon>'
+
+
+@pytest.mark.parametrize(("offset", "length"), [(0.0, 0.4), (0.03, 0.43)])
+def test_a_tendon_between_two_sites_that_is_held_is_a_rod(tmp_path, offset, length):
+    """A parallelogram of cranks 0.3 m, 0.4 m apart: both turn equally if the rod is as long as the base."""
+    held = f'<tendon tendon1="rod" polycoef="{offset} 0 0 0 0"/>'
+    said = {"platform": "two", "platform_joints": ["k"], "axes": None}
+    description = read(tmp_path, spatial("p", "q"), bodies=RODS, equality=held, **said)
+    (closure,) = description.closures
+    assert (closure.frames, closure.axes) == (("p", "q"), ("distance",))
+    assert closure.length == pytest.approx(length, rel=1e-15)
+
+
+def test_a_tendon_around_a_third_site_is_no_rod(tmp_path):
+    with pytest.raises(RobotFileError, match="spatial tendon, which is only read between two sites"):
+        read(tmp_path, spatial("p", "r", "q"), bodies=RODS, equality='<tendon tendon1="rod"/>')

@@ -1,5 +1,6 @@
 """SDF: one mechanism in two formats has one plan; poses, axes and nested names mean what SDFormat says."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from framework import Line, Mechanism, ParallelRobot, RobotFileError, locate_singularities, plan_crossing
 from framework.kinematics.diagnostics.proposal import propose
-from framework.model.description import JointDynamics
+from framework.model.description import JointDynamics, locked_axes
 from framework.model.readers import parse_any, read_any
 from tests.model.readers.foreign_files import short_move
 from tests.oracles.placements import placements
@@ -363,3 +364,44 @@ def test_a_lock_of_a_joint_that_leads_a_fixed_one_is_read(tmp_path):
     file.write_text(f'<sdf version="1.7"><model name="led">{links}{joints}</model></sdf>')
     with pytest.raises(RobotFileError, match="no loop moves"):
         parse_any(file, locked={"left_elbow": 0.0})
+
+
+def test_gazebo_s_detachable_joint_closes_the_loop_of_two_links(tmp_path):
+    """The plugin welds a stub, which turns on the left rod, to the right rod: a hinge at the tip."""
+    plugin = 'filename="detach" name="gz::sim::systems::DetachableJoint"'
+    stub = (
+        '<link name="stub"><pose>0.3 0 0 0 0 0</pose></link>'
+        f'<joint name="tip" type="revolute"><parent>left_rod</parent><child>stub</child>'
+        f"{axis()}</joint>"
+        f"<plugin {plugin}><parent_link>right_rod</parent_link>"
+        "<child_model>m</child_model><child_link>stub</child_link></plugin>"
+    )
+    model = re.sub(r"<joint name=.tip.*?</joint>", "", five_bar())
+    name = re.search(r"<model name=.([^'\"]*)", model)[1]
+    text = model.replace("</model>", stub.replace(">m<", f">{name}<") + "</model>")
+    (tmp_path / "robot.sdf").write_text(text)
+    parsed = parse_any(tmp_path / "robot.sdf", propose=propose)
+    (closure,) = parsed.description.closures
+    assert closure.axes == locked_axes("fixed")
+    assert "detachable" in closure.name
+    (tmp_path / "torn.sdf").write_text(text.replace("child_link>", "child_body>"))
+    with pytest.raises(RobotFileError, match="DetachableJoint: <child_link> is missing"):
+        read_any(tmp_path / "torn.sdf")
+
+
+def test_a_model_that_is_not_found_is_named_where_its_joint_is_missing(tmp_path):
+    scene = "<sdf version='1.9'><world name='w'><include><uri>model://lost_arm</uri></include></world></sdf>"
+    (tmp_path / "scene.sdf").write_text(scene)
+    with pytest.raises(
+        RobotFileError, match="no joint in it; <include> lost_arm: not read, as there is no such"
+    ):
+        read_any(tmp_path / "scene.sdf")
+
+
+@pytest.mark.parametrize("size", ["1.79769e+308", "inf", "1e16"])
+def test_limits_without_a_size_are_none(tmp_path, size):
+    limit = f"<limit><lower>-{size}</lower><upper>{size}</upper></limit>"
+    text = five_bar().replace(axis(), axis(limit), 1)
+    (tmp_path / "robot.sdf").write_text(text)
+    described = parse_any(tmp_path / "robot.sdf", propose=propose)
+    assert described.urdf.find("joint[@name='left_motor']").get("type") == "continuous"

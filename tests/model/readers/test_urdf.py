@@ -265,3 +265,260 @@ def test_usd_is_named_with_a_way_out(tmp_path):
     (tmp_path / "a.usda").write_text("#usda 1.0\n")
     with pytest.raises(RobotFileError, match="USD is not read; write it as URDF or MJCF"):
         read_any(tmp_path / "a.usda")
+
+
+def transmission(kind: str, *parts: str) -> str:
+    return f'<transmission name="t">{kind}{"".join(parts)}</transmission>'
+
+
+def part(tag: str, name: str, reduction: str = "") -> str:
+    return f'<{tag} name="{name}">{reduction}</{tag}>'
+
+
+SIMPLE = "<type>transmission_interface/SimpleTransmission</type>"
+
+
+@pytest.mark.parametrize(
+    ("more", "gear"),
+    [
+        (
+            transmission(
+                SIMPLE,
+                part("joint", "ja"),
+                part("actuator", "m", "<mechanicalReduction>7.5</mechanicalReduction>"),
+            ),
+            7.5,
+        ),
+        (
+            '<ros2_control name="h" type="system"><joint name="ja"><command_interface name="effort"/></joint>'
+            + transmission(
+                "<plugin>transmission_interface/SimpleTransmission</plugin>",
+                part("joint", "ja", "<mechanical_reduction>4</mechanical_reduction>"),
+                part("actuator", "m", "<mechanical_reduction>-2.5</mechanical_reduction>"),
+            )
+            + "</ros2_control>",
+            10.0,
+        ),
+        (transmission(SIMPLE, part("joint", "ja"), "<mechanicalReduction>3</mechanicalReduction>"), 3.0),
+    ],
+    ids=["ros", "ros2_control", "older"],
+)
+def test_the_reduction_of_a_transmission_is_the_gear_ratio(tmp_path, more, gear):
+    (motor,) = read(tmp_path, fingers(more)).description.actuators
+    assert (motor.joint, motor.gear_ratio) == ("ja", gear)
+
+
+def test_a_motor_on_a_joint_that_follows_another_stays_there(tmp_path):
+    """Joint jb turns by -2 ja, so that half the torque at jb does the same work."""
+    more = transmission(
+        SIMPLE, part("joint", "jb"), part("actuator", "m", "<mechanicalReduction>3</mechanicalReduction>")
+    )
+    description = read(tmp_path, fingers(more)).description
+    assert [(motor.joint, motor.gear_ratio) for motor in description.actuators] == [("jb", 3.0)]
+    follower = ParallelRobot.from_description(description)
+    leader = ParallelRobot.from_description(read(tmp_path, fingers(), motors=["ja"]).description)
+    plans = short_move(follower), short_move(leader)
+    assert [robot.actuator_names for robot in (follower, leader)] == [("jb",), ("ja",)]
+    assert all(plan.certificate.max_residual_torque < 1e-9 for plan in plans)
+
+
+@pytest.mark.parametrize("kind", ["DifferentialTransmission", "FourBarLinkageTransmission"])
+def test_transmissions_of_two_joints_are_named_with_their_reductions(tmp_path, kind):
+    more = transmission(
+        f"<plugin>transmission_interface/{kind}</plugin>",
+        part("joint", "ja", "<mechanical_reduction>2</mechanical_reduction>"),
+        part("joint", "jc"),
+        part("actuator", "m1", "<mechanical_reduction>50</mechanical_reduction>"),
+        part("actuator", "m2", "<mechanical_reduction>-50</mechanical_reduction>"),
+    )
+    parsed = read(tmp_path, fingers(more))
+    (told,) = [remark for remark in parsed.remarks if remark.startswith("not read: transmission 't'")]
+    assert f"{kind} of ja, jc (ja 2, m1 50, m2 -50)" in told
+    no_loop = re.sub("<mimic[^>]*>", "", fingers(more))
+    with pytest.raises(RobotFileError, match=f"not read: transmission 't', {kind} .*; a URDF without loops"):
+        read(tmp_path, no_loop)
+
+
+def test_the_default_namespace_of_a_file_is_none(tmp_path):
+    plain = read(tmp_path, fingers(), motors=["ja"]).description
+    named = read(tmp_path, fingers(head=' xmlns="http://www.ros.org"'), motors=["ja"]).description
+    assert (named.couplings, named.actuators, named.reference) == (
+        plain.couplings,
+        plain.actuators,
+        plain.reference,
+    )
+
+
+def test_one_of_several_trees_is_read(tmp_path):
+    shelf = link("shelf") + joint("slot", "shelf", "book") + link("book")
+    text = fingers(shelf)
+    with pytest.raises(RobotFileError, match="one root link, got palm, shelf; --base palm reads"):
+        read(tmp_path, text, motors=["ja"])
+    assert read(tmp_path, text, motors=["ja"], base="palm").description.couplings
+    with pytest.raises(RobotFileError, match=r"no joint moves|without loops|no loop"):
+        read(tmp_path, text, base="shelf")
+
+
+def test_a_planar_joint_is_read_where_it_is_held(tmp_path):
+    text = fingers().replace('<link name="palm"/>', '<link name="floor"/>' + link("palm"))
+    planar = joint("roll", "floor", "palm").replace("continuous", "planar")
+    text = text.replace("</robot>", f"{planar}</robot>")
+    held = read(tmp_path, text, motors=["ja"])
+    assert "held: roll (a free base, which no motor drives)" in held.remarks
+    said = {"motors": ["ja"], "axes": ["y"], "platform": "b"}
+    with pytest.raises(RobotFileError, match="joint 'roll': planar joints are only read where they are held"):
+        read_any(tmp_path / "robot.urdf", **said)
+    assert read_any(tmp_path / "robot.urdf", **said, locked={"roll": None}).couplings
+
+
+@pytest.mark.parametrize(
+    ("moments", "is_repaired"),
+    [
+        (("2e-07", "5e-07", "8e-07"), True),  # such as 2.4, 5.4 and 7.6
+        (("0.020", "0.051", "0.072"), True),  # 1 in the last digit, of 1.5 that rounding explains
+        (("0.020", "0.050", "0.072"), False),  # 2
+        (("2e-07", "5e-07", "7e-07"), None),  # possible as it is
+        (("1", "2", "4"), False),
+    ],
+)
+def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, is_repaired):
+    text = fingers()
+    for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True):
+        text = re.sub(rf'{key}="[^"]*"', f'{key}="{moment}"', text)
+    if is_repaired is False:
+        with pytest.raises(RobotFileError, match="has the principal moments"):
+            read(tmp_path, text, motors=["ja"])
+        return
+    parsed = read(tmp_path, text, motors=["ja"])
+    assert any("repaired in their last digit" in remark for remark in parsed.remarks) == bool(is_repaired)
+    inertia = parsed.urdf.find("link[@name='a']/inertial/inertia")
+    found = [float(inertia.get(key)) for key in ("ixx", "iyy", "izz")]
+    assert found[2] <= (found[0] + found[1]) * (1 + 1e-12)
+    for value, moment in zip(found, moments, strict=True):
+        assert abs(value - float(moment)) <= 0.5 * 10 ** -(7 if "e" in moment else 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="a"/></robot>',
+            "xacro FILE",
+        ),
+        ("<robot name='r'>\n<% n = 3 %>\n</robot>", "a template of ERB: fill it in first: erb FILE"),
+        (
+            "<robot name='r'>{% for a in b %}<link name='{{ a }}'/>{% endfor %}<</robot>",
+            "a template of Jinja",
+        ),
+    ],
+)
+def test_what_must_be_filled_in_first_is_told_so(tmp_path, text, words):
+    with pytest.raises(RobotFileError, match=re.escape(words)):
+        read(tmp_path, text)
+
+
+def slide(offset: float) -> str:
+    """A finger that follows another, ahead by `offset` [rad]; both range from 0 to 0.8 rad."""
+    limit = '<limit lower="0" upper="0.8" effort="1" velocity="1"/>'
+    return (
+        f'<robot name="pair"><link name="palm"/>{link("a")}{link("b")}'
+        + joint("ja", "palm", "a", limit)
+        + joint("jb", "palm", "b", f'<mimic joint="ja" offset="{offset}"/>{limit}')
+        + "</robot>"
+    ).replace("continuous", "revolute")
+
+
+def test_a_reference_that_convert_moves_is_within_the_ranges_and_told(tmp_path):
+    """The least motion of both would take ja to -0.1 rad; ja = 0 and jb = 0.2 rad close it, too."""
+    parsed = read(tmp_path, slide(0.2), motors=["ja"])
+    reference = parsed.description.reference
+    assert reference["jb"] - reference["ja"] == pytest.approx(0.2, abs=1e-9)
+    assert -1e-9 <= reference["ja"] < 1e-3
+    (told,) = [remark for remark in parsed.remarks if remark.startswith("reference: ")]
+    assert re.fullmatch(r"reference: jb 0\.2 rad from the file's, closed; --reference chooses others", told)
+    chosen = read(tmp_path, slide(0.2), motors=["ja"], reference={"ja": 0.3, "jb": 0.5})
+    assert not [remark for remark in chosen.remarks if remark.startswith("reference: ")]
+    assert chosen.description.reference == pytest.approx({"ja": 0.3, "jb": 0.5})
+
+
+def test_a_reference_outside_the_ranges_is_told(tmp_path):
+    parsed = read(tmp_path, slide(0.2), motors=["ja"], reference={"ja": -0.3, "jb": -0.1})
+    assert (
+        "reference: outside the joints' ranges: ja at position -0.3 rad of 0; jb at position -0.1 rad of 0"
+        in (parsed.remarks)
+    )
+
+
+def test_the_posture_that_base_holds_is_told(tmp_path):
+    text = fingers().replace('<link name="palm"/>', '<link name="floor"/>' + link("palm"))
+    text = text.replace("</robot>", joint("waist", "floor", "palm") + "</robot>")
+    parsed = read(tmp_path, text, motors=["ja"], base="palm", reference={"waist": 0.4})
+    assert "held by --base, in the file's posture: waist 0.4" in parsed.remarks
+
+
+ARMS = f'<robot name="arms"><link name="base"/>{link("a")}{link("b")}{link("c")}' + "".join(
+    [
+        joint("ja", "base", "a"),
+        joint("jc", "a", "c"),
+        joint("jb", "base", "b"),
+        '<link name="end"/><joint name="at_end" type="fixed"><parent link="c"/><child link="end"/>'
+        '<origin xyz="0.2 0 0"/></joint>',
+        '<link name="tip"/><joint name="at_tip" type="fixed"><parent link="b"/><child link="tip"/>'
+        '<origin xyz="0.2 0.1 0"/></joint></robot>',
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("words", "locked", "length"),
+    [
+        ("end tip spherical", ("x", "y", "z"), None),
+        ("end tip revolute", ("x", "y", "z", "rx", "ry"), None),
+        ("end tip prismatic y", ("x", "z", "rx", "ry", "rz"), None),
+        ("end tip distance 0.15", ("distance",), 0.15),
+    ],
+)
+def test_a_loop_is_closed_in_words(tmp_path, words, locked, length):
+    with pytest.raises(RobotFileError, match="let `convert --close` close them in words"):
+        read(tmp_path, ARMS)
+    (closure,) = read(
+        tmp_path, ARMS, closures=[words.split()], motors=["ja"], platform="b", axes=["rz"]
+    ).description.closures
+    assert (closure.frames, closure.axes, closure.length) == (("end", "tip"), locked, length)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("end tip", "needs FRAME FRAME KIND"),
+        ("end top spherical", "unknown frame 'top'; did you mean 'tip'"),
+        ("end tip ball", "unknown closure kind 'ball'"),
+        ("end tip revolute w", "unknown closure axis 'w'"),
+        ("end c spherical", "both frames are on one rigid body"),
+        ("end tip distance", "length: needs 1 number"),
+        ("end tip distance -1", "the length must be greater than zero"),
+    ],
+)
+def test_words_that_close_no_loop_are_refused(tmp_path, words, message):
+    with pytest.raises(RobotFileError, match=f"--close {words}.*{message}"):
+        read(tmp_path, ARMS, closures=[words.split()])
+
+
+def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
+    """A folder for the package that they name finds them; the new robot file says where they are."""
+    mesh = '<visual><geometry><mesh filename="package://no_such_arm/meshes/{}.stl"/></geometry></visual>'
+    text = fingers(link("d", mesh.format("one") + mesh.format("two")) + joint("jd", "a", "d"))
+    (told,) = [remark for remark in read(tmp_path, text).remarks if "mesh" in remark]
+    first = "package://no_such_arm/meshes/one.stl"
+    assert (
+        told
+        == f"2 meshes are not found, such as {first}, and not drawn; --package no_such_arm=FOLDER says where"
+    )
+    (tmp_path / "here" / "meshes").mkdir(parents=True)
+    for name in ("one", "two"):
+        (tmp_path / "here" / "meshes" / f"{name}.stl").write_text("solid")
+    parsed = read(tmp_path, text, packages=[f"no_such_arm={tmp_path / 'here'}"])
+    assert not [remark for remark in parsed.remarks if "mesh" in remark]
+    assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
+    with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
+        read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])

@@ -134,11 +134,14 @@ def test_a_speed_at_the_crossing_is_met(robot):
 
 def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met():
     elastic = robots.load("five_bar", flexibility="flexible_joints")
-    plan = plan_crossing(elastic, LINE, optimize="time", torque_limit=2.0, speeds=[3.0])
+    plan, rigid = (
+        plan_crossing(one, LINE, optimize="time", torque_limit=2.0, speeds=[3.0])
+        for one in (elastic, robots.load("five_bar"))
+    )
     (crossing,) = plan.crossings
     assert crossing.speed == pytest.approx(3.0, rel=1e-6)
     assert max(plan.peak_torque.values()) <= 2.0
-    assert plan.duration < 0.267  # without a required speed 0.214 s
+    assert rigid.duration < plan.duration < 1.02 * rigid.duration  # deflections of a milliradian
 
 
 @pytest.mark.slow

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot, plan_scene
+from framework import ParallelRobot, plan_crossing, plan_scene
 from framework.laws.optimal_law import Smoothstep
 from framework.model.description import JointDynamics
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import sample_demand
 from framework.singularity.points_on_path import search_path
+from tests.oracles.planar import without_rotors
 from tests.robots.every_robot import RIGID, crossing
+from tests.stability.test_touch import chord
 
 
 def task_of(plan) -> Task:
@@ -44,6 +46,10 @@ def compare_torques(plan, friction=None):
 @pytest.mark.parametrize("name", RIGID)
 def test_series_give_the_certified_torques_of_a_plan(name):
     compare_torques(crossing(RIGID[name], friction="none"))
+
+
+def test_at_a_touch_the_pole_is_of_second_order():
+    compare_torques(plan_crossing(without_rotors(), chord(0.0, 0.3), duration=3.0, optimize="energy"))
 
 
 def test_damping_and_dry_friction_come_with_the_series():

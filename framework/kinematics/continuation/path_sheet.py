@@ -1,0 +1,169 @@
+"""The branch along a path as a sheet: panels of Chebyshev nodes in s, each closed as one stack.
+
+A panel counts if the loops close at all its nodes, if each step from node to node passes the tests of
+`predictor_corrector` and stays in the working mode, and if the series through the nodes has decayed. It
+begins at the last pose of the panel before. A panel that does not count is halved.
+
+Why the nodes are on one branch: the series through them is a continuous curve, which misses closed loops by
+no more than its truncation error. A jump from one branch to another between two nodes is a kink of this
+curve, which leaves coefficients of its own size among the last ones. Branches that are nearer to one another
+than the truncation error meet there, and then a leg changes its mode.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.errors import NotAssembled
+from framework.kinematics.continuation.predictor_corrector import measure_steps
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks
+from framework.kinematics.modes import keeps_working_mode
+from framework.kinematics.motion_rates import joint_rates
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.path import Path
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.chebyshev import coefficients, nodes
+from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
+
+# nodes of a panel; an even number, so that none is in the middle, where crossings often are
+SHEET_NODES = 32
+COARSE_NODES = 9  # first nodes of a panel, from whose polynomial the others are closed
+MAX_STEPS = 7  # of Newton's method; a panel that needs more is halved
+MIN_SHEET_PANEL = 1 / 32  # width in s; where this is too wide, the branch is followed step by step
+
+
+class BranchPoses(NamedTuple):
+    """K assembled configurations of a branch, with their tangents."""
+
+    s: Array  # (K,) path coordinates
+    linearised: LinearisedLoops  # at these poses
+    rate: Array  # (K, nv) dq/ds
+
+    @property
+    def q(self) -> Array:
+        """Configurations (K, nq)."""
+        return self.linearised.frames.q
+
+    @property
+    def last(self) -> BranchPoses:
+        """The last pose (K = 1)."""
+        return BranchPoses(self.s[-1:], self.linearised.select(slice(-1, None)), self.rate[-1:])
+
+
+def panel_nodes(start: float, end: float, size: int = SHEET_NODES) -> Array:
+    """Return the Chebyshev nodes (size,) of a panel from `start` to `end`, all in s."""
+    s = start + 0.5 * (end - start) * (nodes(size) + 1.0)
+    s[-1] = end  # to the last bit
+    return s
+
+
+def with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> BranchPoses:
+    """Compute the tangents dq/ds (K, nv) at K poses, with constant deflections.
+
+    Args:
+        s: path coordinates (K,) of the poses. At a knot the slope is that of the piece with the other poses.
+        linearised: the loops at the poses.
+
+    Raises:
+        NotAssembled: a pose is singular to the last bit and has no tangent.
+    """
+    rim = SAME_PLACE * (s[-1] - s[0])
+    inside = np.clip(s, s[0] + rim, s[-1] - rim)
+    twist, _ = robot.platform.twist(path(s), path(inside, 1))
+    return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
+
+
+def follow_panels(robot: ParallelRobot, path: Path, start: BranchPoses) -> list[BranchPoses]:
+    """Follow the path from a pose (K = 1) at s = 0 on panels, as far as none must be too narrow.
+
+    Springs keep their deflections.
+
+    Returns:
+        Successive panels of SHEET_NODES poses each; the last one ends at s = 1 if the path was followed.
+    """
+    pose = start
+    panels = list[BranchPoses]()
+    waiting = list(pairwise([0.0, *path.knots, 1.0]))[::-1]  # starts and ends in s, the first panel on top
+    while waiting:
+        first, end = waiting.pop()
+        panel = _close_panel(robot, path, pose, first, end)
+        if panel is not None and _is_one_branch(robot, pose, panel):
+            panels.append(panel)
+            pose = panel.last
+            continue
+        if end - first <= MIN_SHEET_PANEL:
+            break
+        middle = 0.5 * (first + end)
+        waiting += [(middle, end), (first, middle)]
+    return panels
+
+
+def _close_panel(
+    robot: ParallelRobot, path: Path, pose: BranchPoses, start: float, end: float
+) -> BranchPoses | None:
+    """Close the loops at the nodes of a panel that begins at a pose (K = 1); None if some do not close.
+
+    A Newton step from the pose, whose equations are factored, gives the guesses for the coarse nodes. Their
+    polynomial gives those for all nodes.
+    """
+    try:
+        coarse_x = path(panel_nodes(start, end, COARSE_NODES))
+        pose_of_each = pose.linearised.frames.select(np.zeros(COARSE_NODES, dtype=np.intp))
+        platform_step = -robot.platform.residual(pose_of_each, coarse_x)  # (COARSE_NODES, n)
+        step = joint_rates(robot, pose.linearised, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
+        guess = integrate(robot, pose.q, step)
+        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=1e-2)
+        if not coarse.closed.all():
+            return None
+        offsets = _from_coarse_nodes() @ difference(robot, pose.q, coarse.q)  # (SHEET_NODES, nv)
+        s = panel_nodes(start, end)
+        closing = close_each(robot, path(s), integrate(robot, pose.q, offsets), iterations=MAX_STEPS)
+        return with_tangents(robot, path, s, closing.linearised) if closing.closed.all() else None
+    except NotAssembled:  # a pose is singular to the last bit
+        return None
+
+
+@lru_cache(maxsize=1)
+def _from_coarse_nodes() -> Array:
+    """Return the matrix (SHEET_NODES, COARSE_NODES) that interpolates values at the coarse nodes."""
+    polynomials = chebyshev.chebvander(nodes(SHEET_NODES), COARSE_NODES - 1)
+    return np.asarray(polynomials @ coefficients(np.eye(COARSE_NODES)), dtype=float)
+
+
+def _is_one_branch(robot: ParallelRobot, pose: BranchPoses, panel: BranchPoses) -> bool:
+    """Return whether a panel continues the branch from a pose (K = 1), and resolves it."""
+    units = robot.column_scale  # (nv,) by which offsets become dimensionless
+    offsets = difference(robot, pose.q, panel.q) / units  # (SHEET_NODES, nv)
+    series = coefficients(offsets)
+    truncation = np.abs(series[-SHEET_NODES // 8 :]).max()
+    if np.abs(offsets[0]).max() > SAME_PLACE or truncation > SHEET_TAIL:
+        return False
+    keeps_branch, _ = judge_steps(robot, pose, panel)
+    return bool(keeps_branch.all())
+
+
+def judge_steps(robot: ParallelRobot, start: BranchPoses, ends: BranchPoses) -> tuple[BoolArray, Array]:
+    """Judge successive steps from a pose `start` (K = 1) to K poses `ends`.
+
+    A step stays on its branch if its correction is small and its end is in the same working mode. If the
+    tangent turns much, the loops must also be far from losing rank at the end, where branches cross.
+
+    Returns:
+        Whether each step stays on its branch (K,); the corrections (K,) [rad, lengths] of its prediction.
+    """
+    steps = np.diff(ends.s, prepend=start.s)[:, None]  # (K, 1) in s
+    starts = np.concatenate([start.q, ends.q[:-1]])
+    predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
+    corrections = difference(robot, integrate(robot, starts, predicted), ends.q)
+    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
+    keeps_branch = is_small & keeps_working_mode(robot, start.linearised, ends.linearised)
+    curved = np.flatnonzero(keeps_branch & ~is_straight)
+    keeps_branch[curved] = count_lost_ranks(robot, ends.linearised.select(curved), BRANCHES_CROSS) == 0
+    return keeps_branch, correction

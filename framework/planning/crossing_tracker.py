@@ -1,0 +1,164 @@
+"""The crossings of a deflected robot, followed from one set of deflections to the next.
+
+Deflections q_e move a singular point along the path: it is the root s of g(s, q_e). Both change little from
+pass to pass of the deflections, so that the last poses and slopes of g are nearly right for the next ones. An
+iteration takes a Newton step of the loops towards the new deflections, then a secant step of g in s, for all
+crossings in one stack.
+
+The roots are found to rounding. A law through a point beside the singular one has a pole there: 1e-12 in s
+are enough for passes to settle forty times worse, or not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.errors import NoLaw
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.frames import integrate
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type2_matrix
+from framework.kinematics.motion_rates import solve_rates
+from framework.numerics.arrays import Array
+from framework.planning.condition import Condition8, Deflection, coefficients_at
+from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.points_on_path import SingularPoint
+from framework.singularity.type2 import least_controlled_motion, sign_along
+
+PlannedCrossing = tuple[SingularPoint, Condition8]  # the condition that holds at the point
+
+
+class TrackedPoints(NamedTuple):
+    """Singular points of a deflected robot, as one stack of k poses."""
+
+    s: Array  # (k,)
+    pose: LinearisedLoops  # at these points, T = k
+    deflections: Array  # (k, n_e) [m, rad] of the poses
+    slopes: Array  # (k,) dg/ds
+    border: Border | None = None  # of g; None before the first deflections
+
+    @staticmethod
+    def at_rest(branch: Branch, points: Sequence[SingularPoint]) -> TrackedPoints:
+        """Return the singular points of the undeformed robot as they were found."""
+        s = np.array([point.s for point in points])
+        pose = linearised_at(branch.robot, np.array([point.q for point in points]), branch.path(s))
+        slopes = np.array([point.slope for point in points])
+        return TrackedPoints(s, pose, np.zeros((len(s), branch.robot.n_e)), slopes)
+
+
+def track_points(
+    branch: Branch,
+    start: TrackedPoints,
+    deflections: Array,
+    *,
+    max_iterations: int = 12,
+    longest_step: float = 0.1,  # in s
+    # in s: after a secant step below it, the next one is rounding
+    last_step: float = 1e-10,
+    least_secant: float = 1e-9,  # in s: differences of g over shorter steps are rounding
+    rounding: float = 2e-15,  # in s
+) -> TrackedPoints:
+    """Find the singular points of the robot with deflections (k, n_e), from those with others.
+
+    Raises:
+        NoLaw: the deflected robot has no singular point near one of them.
+    """
+    robot = branch.robot
+    s, pose, _, slopes, border = start
+    spring_step = deflections - start.deflections
+    step = g = np.full(len(s), np.nan)
+    for _ in range(max_iterations):
+        # a Newton step of platform and loops, from the last pose to x(s) and the new deflections
+        x = branch.path(s)
+        residual = pose.residual.copy()
+        residual[:, : robot.n] = robot.platform.residual(pose.frames, x)
+        q = integrate(robot, pose.frames.q, solve_rates(robot, pose, -residual, spring_step))
+        pose = linearised_at(robot, q, x)
+        spring_step = np.zeros_like(spring_step)
+
+        # a secant step of g; with the border of a pose beside the root it has the sign of det P
+        P = type2_matrix(robot, pose)
+        border = border or Border.of(P)
+        last_g, last_size = g, np.abs(step).max(initial=0.0)
+        g = solve_bordered(P, border).g
+        is_secant = np.abs(step) > least_secant
+        slopes = np.where(is_secant, (g - last_g) / np.where(is_secant, step, 1.0), slopes)
+        step = -g / np.where(slopes == 0.0, np.nan, slopes)
+        size = np.abs(step).max(initial=0.0)
+        if not size < longest_step:
+            break
+        s = s + step
+        if (size < last_step and last_size < last_step) or size < rounding:
+            return TrackedPoints(s, pose, deflections, slopes, border)
+    worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
+    raise NoLaw(
+        f"{robot.name}: the deflected robot has no singular point near s = {worst:.6g}; the deflections are "
+        f"too large for the path to cross the locus there"
+    )
+
+
+def describe_points(branch: Branch, tracked: TrackedPoints, kinds: Sequence[str]) -> list[SingularPoint]:
+    """Return tracked points as singular points, each of its kind."""
+    points = []
+    for k, kind in enumerate(kinds):
+        s = float(tracked.s[k])
+        pose = tracked.pose.select(k)
+        twist, motion = least_controlled_motion(branch.robot, pose)
+        sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
+        points.append(
+            SingularPoint(
+                s=s,
+                kind=kind,
+                contact="transversal",
+                corank=1,
+                twist=sign * twist,
+                platform=branch.path(s),
+                slope=float(tracked.slopes[k]),
+                motion=sign * motion,
+                pose=pose,
+            )
+        )
+    return points
+
+
+@dataclass
+class CrossingTracker:
+    """The points of k crossings, followed from pass to pass; points that the user imposes rest.
+
+    branch: poses of the undeformed robot.
+    points: the crossing points of the undeformed robot.
+    times: (k,) [s] of the crossings.
+    tracked: the singular points with the last deflections; None before the first ones.
+    conditions: (8) at these.
+    """
+
+    branch: Branch
+    points: Sequence[SingularPoint]
+    times: Array
+    tracked: TrackedPoints | None = None
+    conditions: tuple[Condition8, ...] = ()
+
+    def follow(self, deflections: Callable[[Any, int], Array]) -> list[PlannedCrossing]:
+        """Return the crossing points of the deflected robot, each with its condition (8).
+
+        Args:
+            deflections: deflections (k, n_e) and their time derivatives as a function of times and order.
+
+        Raises:
+            NoLaw: the deflected robot has no singular point there.
+        """
+        branch, points = self.branch, self.points
+        if not points:
+            return []
+        at_crossings = Deflection.evaluate(deflections, self.times)
+        if not points[0].is_imposed:
+            start = self.tracked or TrackedPoints.at_rest(branch, points)
+            self.tracked = track_points(branch, start, at_crossings.value)
+            points = describe_points(branch, self.tracked, [point.kind for point in points])
+        each = [Deflection(*values) for values in zip(*at_crossings, strict=True)]
+        conditions = [coefficients_at(branch, *at) for at in zip(points, each, strict=True)]
+        self.conditions = () if points[0].is_imposed else tuple(conditions)
+        return list(zip(points, conditions, strict=True))

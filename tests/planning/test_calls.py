@@ -1,0 +1,46 @@
+"""How many calls a plan makes, numpy's and pinocchio's included: a plan computes each thing once.
+
+Calls are counted by the interpreter, the same on every machine. A number below is lowered with the calls;
+where it has to grow, the commit says for what.
+"""
+
+import sys
+
+import pytest
+
+import robots
+from framework import plan_scene
+
+MAX_GROWTH = 1.03
+CALLS = {
+    ("five_bar", "C", "rigid", "auto"): 8580,
+    ("five_bar", "C", "flexible_joints", "auto"): 12729,
+    ("five_bar", "C", "flexible_links", "auto"): 20621,
+    ("five_bar", "C", "rigid", "optimal"): 88462,
+    ("delta", "cross", "rigid", "auto"): 10642,
+    ("gough_stewart", "tilt", "rigid", "auto"): 6552,
+}
+
+
+def count_calls(function):
+    calls = 0
+
+    def count(_frame, event, _argument):
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    former = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        function()
+    finally:
+        sys.setprofile(former)
+    return calls
+
+
+@pytest.mark.parametrize("case", CALLS, ids=" ".join)
+def test_a_plan_makes_no_more_calls(case):
+    name, scene, flexibility, law = case
+    robot = robots.load(name, flexibility=flexibility)
+    plan_scene(robot, scene, law=law)  # imports, and what is computed once for a robot
+    assert count_calls(lambda: plan_scene(robot, scene, law=law)) <= MAX_GROWTH * CALLS[case]
