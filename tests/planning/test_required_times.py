@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoAnswer, plan_crossing, simulate
+from framework import Line, NoAnswer, NoLaw, plan_crossing, simulate
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.request import Request
 from framework.singularity.points_on_path import search_path
@@ -96,3 +96,12 @@ def test_a_given_speed_is_met_too():
     assert plan.certificate.monotone
     assert plan.crossings[0].speed == pytest.approx(1.0, abs=1e-9)
     assert plan.law(0.6, 1) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_given_times_are_planned_within_limits_or_refused_with_what_the_law_needs():
+    robot, path = robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195])
+    request = {"duration": 1.5, "times": [0.7]}
+    peak = max(plan_crossing(robot, path, **request).peak_torque.values())
+    assert plan_crossing(robot, path, **request, margin=0.1, torque_limit=1.2 * peak).crossings[0].time == 0.7
+    with pytest.raises(NoLaw, match=r"the polynomial needs 1\.25 times the limits"):
+        plan_crossing(robot, path, **request, torque_limit=0.8 * peak)
