@@ -371,6 +371,10 @@ class NotConverged(NoAnswer):
     platform: Array | None = None
 
 
+class NotIdentified(NoAnswer):
+    """Recorded data show no parameters with which the robot predicts other data better than without."""
+
+
 class SpringsTooSoft(NotConverged):
     """The forces of the undeformed robot deflect springs, or even stiffer ones, beyond `MAX_DEFLECTION`."""
 

@@ -205,7 +205,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
     if missing:
         package, _, _ = missing[0].removeprefix(PACKAGE).partition("/")
         hint = f"; --package {package}=FOLDER says where" if missing[0].startswith(PACKAGE) else ""
-        tree.remarks.append(f"{len(missing)} meshes are not found, such as {missing[0]}, and not drawn{hint}")
+        tree.remarks.append(f"meshes not found, and not drawn: {len(missing)}, such as {missing[0]}{hint}")
 
 
 def _is_moving(tree: UrdfTree, closure: Closure) -> bool:

@@ -316,7 +316,7 @@ class _Model:
             problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
             self.leave_out(f"{where}: polycoef {coefficients} {problem}", all_arms, is_decisive=True)
         elif (arms or offset) and not tree.equate(name, arms, offset, (children[0], children[-1])):
-            problem = f"couples {', '.join(arms) or 'no joint'}: only couplings of two joints are read"
+            problem = f"couples {', '.join(arms) or 'no joint'}: only hinges and slides are coupled"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
 
     # -------------------------------------------------------------- forces

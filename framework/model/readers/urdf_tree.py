@@ -6,19 +6,20 @@ both into records.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from framework.errors import RobotFileError, choose_from, nearest
+from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
-from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
+from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint, free_name
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     INERTIA_ENTRIES,
@@ -37,10 +38,11 @@ from framework.tolerances import FILE_ROUNDING, INERTIA_ROUNDING
 
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
-# what motors turn by in transmissions of two joints, with the reductions n
-_LAWS_OF_TRANSMISSIONS = {
-    "DifferentialTransmission": "; the file's turn by n_a1 (n_j1 q1 + n_j2 q2) and n_a2 (n_j1 q1 - n_j2 q2)",
-    "FourBarLinkageTransmission": "; the file's turn by n_a1 n_j1 q1 and n_a2 (q1 + n_j2 q2)",
+# By how much both motors of a transmission turn, before their own gears, by a unit turn of either joint, for
+# the reductions n1 and n2 of the joints (transmission_interface of ros_control and ros2_control)
+_TURNS_OF_MOTORS: dict[str, Callable[[float, float], tuple[tuple[float, float], tuple[float, float]]]] = {
+    "DifferentialTransmission": lambda n1, n2: ((n1, n2), (n1, -n2)),
+    "FourBarLinkageTransmission": lambda n1, n2: ((n1, 0.0), (1.0, n2)),
 }
 # top-level elements that belong to every URDF; children that are read, of some of them
 _URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
@@ -60,6 +62,16 @@ class UnreadElement(NamedTuple):
     what: str  # for messages: element, name, effect and its size
     acts_on: Names  # joints and links
     is_decisive: bool = False
+
+
+class TwoJointTransmission(NamedTuple):
+    """Two motors that move two joints together, as a differential does."""
+
+    name: str
+    kind: str  # one of _TURNS_OF_MOTORS
+    joints: Names  # in the order of their roles, as the motors
+    motors: Names
+    reductions: Mapping[str, float]  # by joint and motor, where the file states one
 
 
 class Transmission(NamedTuple):
@@ -141,6 +153,12 @@ def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]
                 label = f"{where}: <{tag}>"
                 (reduction,) = parse_numbers(label, text.text, 1)
                 yield part.get("name", ""), reduction
+
+
+def _parse_offset(offset: Element, where: str) -> float:
+    """Return the number [rad, m] in an `<offset>` of a transmission."""
+    (number,) = parse_numbers(f"{where}: <offset>", offset.text, 1)
+    return number
 
 
 def _select_tree(root: Element, base: str | None) -> None:
@@ -267,6 +285,7 @@ class UrdfTree(Tree):
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
+        self.two_joint_transmissions: list[TwoJointTransmission] = []
         for transmission in root.iter("transmission"):
             self._read_gears(transmission)
 
@@ -287,6 +306,7 @@ class UrdfTree(Tree):
         if freedoms > MAX_FREEDOMS:
             raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
+        self.virtual: set[str] = set()  # joints of massless chains, which no motor drives
         self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
 
@@ -305,6 +325,11 @@ class UrdfTree(Tree):
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
         return list(dict.fromkeys([*super().frames, *self._added]))
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the joints with one degree of freedom that a motor can drive."""
+        return [name for name in super().movable if name not in self.virtual]
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
@@ -388,24 +413,71 @@ class UrdfTree(Tree):
         )
         kind = kind.strip().rpartition("/")[2]
         joints = [joint.get("name", "") for joint in transmission.findall("joint")]
-        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
-            # the motors of these are on no single joint
-            reductions = ", ".join(f"{part} {gear:g}" for part, gear in _reductions(transmission, where))
-            self.remarks.append(
-                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
-                f"{f' ({reductions})' if reductions else ''}: motors are taken to be at these joints, with "
-                f"no gears{_LAWS_OF_TRANSMISSIONS.get(kind, '')}"
-            )
-            return
         for part, reduction in _reductions(transmission, where):
             if not reduction:
                 raise RobotFileError(f"{where}: the reduction of {part} is zero")
+        if any(_parse_offset(offset, where) for offset in transmission.iter("offset")):
+            self.remarks.append(
+                f"{where}: its offset is not read: motor angles are zero where the joints are"
+            )
+        if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(transmission.findall("actuator")):
+            motors = self._names_by_role(transmission, where, "actuator")
+            joints_by_role = self._names_by_role(transmission, where, "joint")
+            reductions = dict(_reductions(transmission, where))
+            self.two_joint_transmissions.append(
+                TwoJointTransmission(name, kind, joints_by_role, motors, reductions)
+            )
+            return
+        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
+            self.remarks.append(
+                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
+                f"to be at these joints, without gears"
+            )
+            return
+        for _, reduction in _reductions(transmission, where):
             for joint in joints:
                 self.gears[joint] = self.gears.get(joint, 1.0) * reduction
         if negative := [joint for joint in joints if self.gears.get(joint, 1.0) < 0.0]:
             self.remarks.append(
                 f"{where}: the motor of {negative[0]} turns against its joint; its sign is left out"
             )
+
+    @staticmethod
+    def _names_by_role(transmission: Element, where: str, tag: str) -> Names:
+        """Return the names of the parts of a transmission with a tag, in the order of their roles."""
+        parts = sorted(transmission.findall(tag), key=lambda part: part.get("role", ""))
+        return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
+
+    def add_two_joint_transmissions(self) -> None:
+        """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
+
+        Raises:
+            RobotFileError: a transmission names a joint that is not one of the movable ones.
+        """
+        for transmission in self.two_joint_transmissions:
+            where = f"transmission {transmission.name!r}: {transmission.kind}"
+            for joint in transmission.joints:
+                check_name(where, "movable joint", joint, self.movable)
+            self.motors = [motor for motor in self.motors if motor not in transmission.joints]
+            reductions = [transmission.reductions.get(joint, 1.0) for joint in transmission.joints]
+            first_reduction, second_reduction = reductions
+            turns = _TURNS_OF_MOTORS[transmission.kind](first_reduction, second_reduction)
+            for motor, arms in zip(transmission.motors, turns, strict=True):
+                rotor = free_name(f"{motor}_rotor", self._taken)
+                name = free_name(motor, self._taken)
+                hinge = NewJoint(name, "continuous", np.eye(4), unit_vector("z"))
+                elements = [
+                    Element("link", name=rotor),
+                    *chain_elements(self.base, [hinge], rotor, np.eye(4), self._taken),
+                ]
+                self.root.extend(elements)
+                self._add_to_tree(elements)
+                gear = transmission.reductions.get(motor, 1.0)
+                # gear ratios have no sign, so that the rotor has it
+                terms = {name: math.copysign(1.0, -gear), **dict(zip(transmission.joints, arms, strict=True))}
+                carried = self.joints[transmission.joints[-1]].child
+                self.equate(f"{transmission.name}_{motor}", terms, 0.0, (rotor, carried))
+                self.transmissions.append(Transmission(f"motor {name!r}", {name: 1.0}, abs(gear)))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
@@ -495,20 +567,25 @@ class UrdfTree(Tree):
         position = list(self.root).index(joint.element)
         self.root[position : position + 1] = elements
         del self.joints[joint.name]
+        self._add_to_tree(elements)
+
+    def _add_to_tree(self, elements: Iterable[Element]) -> None:
+        """Add links and joints that are in the XML to the tree, links before the joints that move them."""
         for element in elements:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
-                hinge = read_joint(element, set(self.links))
-                self._taken.add(hinge.name)
-                self.joints[hinge.name] = hinge
-                self.parent_joint[hinge.child] = hinge
+                joint = read_joint(element, set(self.links))
+                self._taken.add(joint.name)
+                self.joints[joint.name] = joint
+                self.parent_joint[joint.child] = joint
 
     def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
         """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
-        other equation of one joint fixes the joint, and one of two joints becomes a coupling.
+        other equation of one joint fixes the joint, one of two joints becomes a coupling, and one of more
+        becomes couplings of a massless chain.
 
         Args:
             name: of the equation.
@@ -524,14 +601,48 @@ class UrdfTree(Tree):
         if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
-        if len(arms) not in (1, 2) or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
+        if not arms or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
             return False
         (joint, arm), *leaders = arms.items()
+        if len(leaders) > 1:
+            ratios = {leader: -leader_arm / arm for leader, leader_arm in leaders}
+            self._follow_by_chain(name, self.joints[joint], ratios, offset / arm)
+            return True
         if not leaders:
             self.fix(self.joints[joint], offset / arm)
         for leader, leader_arm in leaders:
             self.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
         return True
+
+    def _follow_by_chain(
+        self, name: str, follower: Joint, ratios: Mapping[str, float], offset: float
+    ) -> None:
+        """Make a joint follow several: q = sum(ratio q_leader) + offset.
+
+        A chain of massless joints stands beside the follower, about or along the same axis. Each of them is
+        coupled with one leader, so that the last link moves by the sum. A closure holds the follower's link
+        to it.
+        """
+        slides = follower.kind == "prismatic"
+        origin = follower.origin
+        motions = []
+        for leader in ratios:
+            motion = free_name(f"{name}_{leader}", self._taken)
+            kind = "prismatic" if slides else "continuous"
+            motions.append(NewJoint(motion, kind, origin, follower.axis))
+            self.couplings.append(Coupling(motion, leader, ratios[leader], offset))
+            origin, offset = np.eye(4), 0.0  # of all but the first
+        last = free_name(f"{name}_sum", self._taken)
+        elements = [
+            Element("link", name=last),
+            *chain_elements(follower.parent, motions, last, np.eye(4), self._taken),
+        ]
+        self.root.extend(elements)
+        self._add_to_tree(elements)
+        self.virtual |= {motion.name for motion in motions}
+        ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
+        self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])
+        self.remarks.append(f"{name}: {follower.name} follows {', '.join(ratios)} by a massless chain")
 
     def _turning_axis(self, joint: Joint) -> Array:
         """Return the unit axis (3,) of a hinge in the base at zero joint positions."""
