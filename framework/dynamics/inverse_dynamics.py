@@ -45,7 +45,6 @@ from framework.dynamics.singularity_crossings import (
     find_crossed_points,
     measure_crossings,
     panel_edges,
-    rigid_crossings,
 )
 from framework.errors import (
     InvalidInput,
@@ -316,8 +315,8 @@ class _Refinement:
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:
-                if not self.crossings:
-                    self.crossings = rigid_crossings(branch, self.searched.points, self.law)
+                if self.crossed and not self.crossings:
+                    self._pass_at_rest(grid, instants)
                 solution = assess_deflections(branch, grid, self.law, self.known)
             else:
                 solution = solve_deflections(
