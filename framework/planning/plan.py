@@ -69,7 +69,7 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
     Raises:
         InvalidInput: invalid arguments, for instance more times than the path has crossings.
         NoLaw: no law can cross (the message says what would help), or none that advances was found.
-        UncontrolledMotions: no law can cross a point where several motions escape the motors at once.
+        UncontrolledMotions: no law can cross a point where several motions are uncontrolled at once.
         UnboundedTorque: the law violates condition (8) at a singularity.
         LimitsExceeded: the motion exceeds limits; only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
