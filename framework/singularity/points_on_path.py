@@ -22,7 +22,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, ReadOnlyArrays, freeze
 from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import Border, differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
@@ -63,6 +63,11 @@ class SingularPoint(ReadOnlyArrays):
     motion: Array  # (nv,) joint rates of the twist
     pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    def __post_init__(self) -> None:
+        """Make all arrays read-only, those of the pose too."""
+        super().__post_init__()
+        freeze(self.pose)
 
     @property
     def q(self) -> Array:

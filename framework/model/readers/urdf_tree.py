@@ -449,7 +449,11 @@ class UrdfTree(Tree):
         return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
 
     def add_two_joint_transmissions(self) -> None:
-        """Add a massless rotor for each motor that moves two joints, and the equation of its turn."""
+        """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
+
+        Raises:
+            RobotFileError: a transmission names a joint that is not one of the movable ones.
+        """
         for transmission in self.two_joint_transmissions:
             where = f"transmission {transmission.name!r}: {transmission.kind}"
             for joint in transmission.joints:
@@ -576,7 +580,15 @@ class UrdfTree(Tree):
                 self.joints[joint.name] = joint
                 self.parent_joint[joint.child] = joint
 
-    def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
+    def equate(
+        self,
+        name: str,
+        arms: Mapping[str, float],
+        offset: float,
+        links: tuple[str, str],
+        *,
+        by_chain: bool = True,
+    ) -> bool:
         """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
@@ -588,6 +600,7 @@ class UrdfTree(Tree):
             arms: factor of each joint's coordinate; zeros have no effect.
             offset: [rad or m].
             links: the two links that may turn equally.
+            by_chain: whether an equation of more than two joints is possible.
         """
         arms = {joint: arm for joint, arm in arms.items() if arm}
         only_first, only_second = self.moving_chains(*links)
@@ -597,7 +610,8 @@ class UrdfTree(Tree):
         if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
-        if not arms or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
+        is_too_long = len(arms) > 2 and not by_chain
+        if not arms or is_too_long or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
             return False
         (joint, arm), *leaders = arms.items()
         if len(leaders) > 1:
