@@ -380,7 +380,7 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
-    law = undeformed_polynomial(to_cross, request)
+    law, _timing, _high = undeformed_polynomial(to_cross, request)
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
 
 
