@@ -75,7 +75,7 @@ The optimal law:
 The motion, under either law or one of the user's own:
 
     NoLaw: the motion stops on the locus
-        dynamics.singularity_crossings.rigid_crossings
+        dynamics.singularity_crossings.find_crossed_points
     UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
         dynamics.singularity_crossings.check_bounded
     NoLaw: the deflected robot has no singular point near the crossing
@@ -102,7 +102,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.motion_checks.measure_residuals
+        dynamics.motion_checks.find_missing_forces
     LoadedJoint: a joint is loaded that nothing holds
         dynamics.motion_checks.check_idle_joints
 
