@@ -76,7 +76,8 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
     """
     robot, times = result.robot, missing.times
     # the load of an idle joint is no error of the series: `check_idle_joints` limits it
-    residual = np.delete(missing.residual, robot.structure.idle, axis=1)
+    residual = missing.residual.copy()
+    residual[:, robot.structure.idle] = 0.0
     poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
         solution.motion.linearised.solved_residual,  # on the nodes

@@ -26,8 +26,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.curve_tracing import LocusEquations, chord_offsets
-from framework.singularity.traced_locus import LocusCurve, singularity_kind, trace_locus
-from framework.singularity.type2 import has_signed_measure
+from framework.singularity.traced_locus import LocusCurve, trace_locus
+from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
 
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
@@ -150,7 +150,7 @@ def _locate_points(
     linearised = linearised_at(robot, q)
     is_singular = least_singular_values(type2_matrix(robot, linearised)) < RANK_LOST
     points = [
-        MapCurve(x[[k]], q[[k]], singularity_kind(robot, linearised.select(slice(k, k + 1))))
+        MapCurve(x[[k]], q[[k]], uncontrolled_motion(robot, linearised.select(int(k))).kind)
         for k in np.flatnonzero(is_singular)
     ]
     return MapLocus(tuple(points), len(first), x[~is_singular], "", time.perf_counter() - started)
