@@ -622,3 +622,31 @@ SIGNIFICANT_DEVIATIONS = 4.0
 Chance gives 4 once in 16000. At 40 masses off by a tenth go unnamed in short recordings; at 0.4 two of three
 parameters that are as in the file are named.
 """
+
+FAULT_RATIO = 10.0
+"""How much less of the torques or poses one change of a column must leave (squared), to be called its fault.
+
+A reversed torque or a wrong unit leaves 100 to 1e6 times less. At 100 they go unnamed where friction is not
+in the file; at 2 chance makes them.
+"""
+
+CLEAR_MISFIT = 3e-3
+"""Squared misfit of a recording to the model, over the recording itself, that raises no suspicion.
+
+A wrong sign leaves 1 or more of a column; time in milliseconds left 0.016 of a slider-crank's torques, by
+friction and weight. At 0.03 that passes; at 3e-4 columns are tried in vain where noise is 2 %.
+"""
+
+MIN_SPEED_DEVIATIONS = 4.0
+"""Standard deviations of its noise by which a motor's speed must differ from zero, for its sign to be known.
+
+Chance gives 4 once in 16000 samples. At 1 friction at rest has a random sign; at 40 slow motions show no
+friction.
+"""
+
+BETTER_DEVIATIONS = 2.0
+"""By how many standard errors a twin must predict torques held out better than each simpler model.
+
+Of equally good models chance calls one in 40 better. At 0 every second; at 10 only recordings of many
+minutes prove anything.
+"""

@@ -71,7 +71,7 @@ TRIED = [  # a wrong command line, its exit code, what to try
         "simulate five_bar --scene B --method stiff --law optimal",
     ),
     (
-        "plan --law polynomial five_bar --scene C --times 0.1",
+        "plan --law polynomial five_bar --scene C --times 0.01",
         1,
         "plan five_bar --scene C --law optimal",
     ),  # a motion that runs back
@@ -82,7 +82,7 @@ SLOW = {  # optimal laws; the plain suite tries the one of scene B
     "plan five_bar --scene C --duration 0.3",
     "plan five_bar --scene C --law optimal --times 1",
     "simulate five_bar --scene B --method stiff",
-    "plan --law polynomial five_bar --scene C --times 0.1",
+    "plan --law polynomial five_bar --scene C --times 0.01",
     "plan five_bar --scene C --law optimal --torque-limit=0.01",
 }
 

@@ -21,6 +21,7 @@ from framework.model.description import FLEXIBILITIES
 from framework.planning.saved import save_plan
 from tests.conftest import FIVE_BAR, REMOVED
 from tests.oracles import five_bar as oracle
+from tests.oracles import five_bar_pose
 
 LINE = ["--from", "0.1", "0.345", "--to", "-0.05", "0.195"]  # through the singularity
 CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
@@ -161,6 +162,32 @@ def test_locate_tells_a_near_miss_with_its_place_and_how_near_it_is(refusal, cro
     assert "near miss at s = 0.500000" in text
     err = refusal(1, "plan", "five_bar", *beside, "--duration", 1.5, "--law", "polynomial")
     assert "misses a singularity by |g| = " in err
+
+
+def rods_in_line(x) -> float:
+    """The sine of the angle between the rods of the 5R at x, which is 0 where it is singular."""
+    return float(five_bar_pose.pose(np.array([x])).sine[0])
+
+
+def test_locate_tells_what_lies_before_a_path_ends(crossing):
+    code, text, err = crossing("locate", "five_bar", "--from", "0.1", "0.345", "--to", "-0.1", "-0.6")
+    assert code == 1
+    assert "leaves the workspace at s = 0.815063" in err
+    start, way = np.array([0.1, 0.345]), np.array([-0.2, -0.945])
+    found = [float(s) for s in re.findall(r"^s = ([0-9.]+)  type_2", text, re.MULTILINE)]
+    signs = np.sign([rods_in_line(start + s * way) for s in np.linspace(0.0, 0.81, 400)])
+    assert len(found) == np.count_nonzero(np.diff(signs)) == 3
+    for s in found:
+        assert abs(rods_in_line(start + s * way)) < 1e-9
+
+
+def test_locate_without_a_path_gives_a_line_that_crosses_at_the_nearest_singular_pose(crossing, document):
+    text = crossing("locate", "five_bar")[1]
+    (line,) = re.findall(r"to cross there +(--from .*)$", text, re.MULTILINE)
+    (at, *_) = document("locate", "five_bar", *line.split())["singularities"]
+    assert abs(rods_in_line(at["platform"])) < 1e-9
+    distance = document("locate", "five_bar")["nearest_singular_pose"]["distance"]
+    assert np.linalg.norm(np.array(at["platform"]) - [0.1, 0.345]) == pytest.approx(distance, rel=1e-6)
 
 
 def test_locate_finds_none_where_there_is_none(crossing, document):
@@ -376,7 +403,7 @@ NO_ANSWERS = [
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.6", ["leg of left_motor", "s = 0.2", "(0.1, 0.4)"]),
     ("plan five_bar --from 0.1 0.345 --to 0.1 0.6 --duration 1", ["leg of left_motor", "(0.1, 0.4)"]),
     ("plan five_bar --from 0.1 0.7 --to 0.1 0.345 --duration 1", ["reference", "leg of"]),
-    ("plan five_bar --scene C --times 0.1", ["law", "times or speeds"]),  # leaves the path
+    ("plan five_bar --scene C --times 0.01", ["law", "times or speeds"]),  # leaves the path
     ("plan five_bar --scene C --times 1.4 --speeds 40", ["law"]),
 ]
 
@@ -418,7 +445,7 @@ MISUSE = [
     ("plan five_bar --scene C --fast", ["unrecognized arguments: --fast"]),
     ("plan five_bar --scene C --geometry round", ["--geometry", "'round'", "rigid", "deformed"]),
     ("plan five_bar --scene D", ["unknown scene 'D'", "A, B, C, C-printed, bow"]),
-    ("locate five_bar", ["--scene", "--from", "C-printed"]),
+    ("plan five_bar", ["--scene", "--from", "C-printed"]),
     ("locate five_bar --from 0.1 0.345", ["--from and --to"]),
     ("locate five_bar --scene C --from 0.1 0.345", ["--scene", "--from"]),
     ("locate five_bar --from 0.1 --to 0 0.2", ["--from", "2 finite numbers", "x, y", "got [0.1]"]),

@@ -154,8 +154,9 @@ COMMANDS = {
             "crossing identify calibrated/five_bar.yaml run/sensors.csv --out twin",
         ),
         "identification",
-        "Named are the combinations that torques depend on, see base parameters in the literature; what they "
-        "do not show stays as near to the robot file as bodies that can exist allow.",
+        "A twin is written only if it predicts torques that were held out better than no torque, the file, "
+        "friction alone and another payload do. What the data do not show stays as near to the robot file as "
+        "bodies that can exist allow; --all names the combinations that torques depend on (base parameters).",
         required=("ROBOT", "DATA"),
     ),
 }

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot
+from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
+from framework.identification.conversions import Conversions
 from framework.identification.identify import Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
@@ -29,8 +33,12 @@ def add_calibrate_options(parser: OneLineParser) -> None:
         help="CSV with motor_angle_JOINT and some of platform_AXIS, joint_NAME; a row a pose",
     )
     group = parser.topic("data and file")
+    _add_conversions(group)
     group.add_argument(
-        "--joints", nargs="+", metavar="JOINT", help="whose origins are calibrated (default: all that matter)"
+        "--joints",
+        nargs="+",
+        metavar="JOINT",
+        help="whose origins are calibrated, and closures whose lengths are (default: all that matter)",
     )
     group.add_argument(
         "--noise",
@@ -58,6 +66,7 @@ def run_calibrate(options: Namespace) -> Report:
         noise=arguments.named_numbers("--noise", options.noise, "KIND=VALUE"),
         length_error=options.length_error,
         angle_error=options.angle_error,
+        conversions=_conversions(options),
         progress=options.progress.start("calibrating", unit="steps"),
     )
     document = calibration.to_dict()
@@ -78,24 +87,21 @@ def _noise_text(calibration: Calibration) -> str:
     )
 
 
-def calibration_lines(
-    calibration: Calibration,
-    *,
-    min_change: float = 1e-3,  # least change of a parameter that is reported, over its standard deviation
-) -> list[str]:
+def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
     names = calibration.geometry.names
     measured = calibration.measured
     unseen = calibration.unseen
-    outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
+    outliers = f"; outliers: {', '.join(calibration.outlier_rows)}" if calibration.outliers else ""
     lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers)]
     errors = [*zip(measured.names, calibration.error_before, calibration.error_after, strict=True)]
     for error in errors[calibration.robot.n_a :]:  # behind the motors, which predict the other measurements
         lines.append("  {}\t{:.2e}\t{:.2e}".format(*error))
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
-    for name, value, deviation in zip(names, calibration.values, calibration.deviations, strict=True):
-        if abs(value) > min_change * deviation:
-            lines.append(f"  {name}\t{value:.2e}\t{deviation:.1e}")
+    rows = zip(names, calibration.values, calibration.deviations, strict=True)
+    off = [row for row in rows if abs(row[1]) > row[2]]
+    lines += ["  {}\t{:.2e}\t{:.1e}".format(*row) for row in off]
+    lines.append(f"  {len(names) - len(off)} others are no more off than their deviations, see --json")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]
@@ -108,12 +114,12 @@ def calibration_lines(
 
 IDENTIFIED = """\
 {0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e})
-  data              {0.instants} instants, low-pass at {0.cutoff:.3g} Hz, poses by the {0.poses}
-  torques held out  error with the file's parameters {before}, with the identified {after}
-  no effect         {unseen} parameters{massless}
-  base parameter\tvalue\tdeviation\tfile"""
+  data              {0.instants} samples, {0.equations} equations; angles up to {0.cutoff:.3g} Hz, \
+poses by the {0.poses}
+  noise of torques  {noise}{massless}
+  torques held out: error over torque, and how many standard errors a model is worse than the twin"""
 
-BASE_PARAMETER = "  {}\t{:.6g}\t{:.2g}\t{:.6g}"
+QUANTITY = "  {0.name}\t{0.value:.5g}\t{0.deviation:.2g}\t{0.file:.5g}\t{1}"
 
 
 def add_identify_options(parser: OneLineParser) -> None:
@@ -122,15 +128,13 @@ def add_identify_options(parser: OneLineParser) -> None:
     parser.add_argument(
         "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
     )
-    group = parser.topic("data and file")
-    add_number(
-        group, "--cutoff", "F", "of the low-pass filter [Hz] (default: where the angles' noise begins)"
-    )
+    group = parser.topic("what to identify")
     group.add_argument(
-        "--poses",
-        choices=("motors", "platform"),
-        help="what poses come from; platform passes Type 2 singularities and needs all its coordinates "
-        "(default: motors, or platform where these lead to one)",
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="payload, friction, rotor, or names of links, joints or parameters; others stay as in the file",
     )
     group.add_argument(
         "--prior",
@@ -141,8 +145,61 @@ def add_identify_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--massless", action="store_true", help="identify bodies without mass in the file as well"
     )
-    add_out(parser, "write the robot file and its URDF there")
+    group.add_argument("--all", action="store_true", help="list the base parameters, and what is not shown")
+    group = parser.topic("data and file")
+    group.add_argument(
+        "--held-out", metavar="FILE", help="another recording that judges the twin (default: parts of DATA)"
+    )
+    _add_conversions(group)
+    group.add_argument(
+        "--sensor-error",
+        nargs="+",
+        default=[],
+        metavar="KIND=VALUE",
+        help="deviation of errors of the torques that last: scale (share of a torque, default 0.005), offset "
+        "(share of its root mean square), delay [s]",
+    )
+    add_number(group, "--cutoff", "F", "highest frequency of the angles [Hz] (default: by cross-validation)")
+    group.add_argument(
+        "--poses",
+        choices=("motors", "platform"),
+        help="what poses come from; platform passes Type 2 singularities and needs all its coordinates "
+        "(default: motors, or platform where these lead to one)",
+    )
+    add_out(parser, "write the robot file and its URDF there, if the twin predicts best")
     add_overwrite(parser)
+
+
+def _add_conversions(group: Any) -> None:
+    """Add the options that declare units, signs and exchanged columns."""
+    for flag, form, text in (
+        (
+            "--unit",
+            "COLUMN=UNIT",
+            "of a column, or of all motor_angle, torque, platform, joint: deg, mm, ms ..",
+        ),
+        ("--sign", "COLUMN=-1", "columns, or all of a kind, that count the other way"),
+        ("--swap", "COLUMN=COLUMN", "columns that are exchanged for one another"),
+    ):
+        group.add_argument(flag, nargs="+", default=[], metavar=form, help=text)
+
+
+def _conversions(options: Namespace) -> Conversions:
+    """Return the conversions that the options declare."""
+    return Conversions(
+        units=_named_words("--unit", options.unit),
+        signs=arguments.named_numbers("--sign", options.sign, "COLUMN=-1"),
+        swaps=_named_words("--swap", options.swap),
+    )
+
+
+def _named_words(option: str, words: Sequence[str]) -> dict[str, str]:
+    """Parse words NAME=WORD."""
+    pairs = [word.partition("=") for word in words]
+    for (name, _, text), word in zip(pairs, words, strict=True):
+        if not name or not text:
+            raise InvalidInput(f"{option}: needs NAME=VALUE, got {word!r}")
+    return {name: text for name, _, text in pairs}
 
 
 def run_identify(options: Namespace) -> Report:
@@ -151,10 +208,14 @@ def run_identify(options: Namespace) -> Report:
     identification = identify(
         robot,
         options.data,
+        held_out=options.held_out,
+        only=options.only,
         cutoff=options.cutoff,
         poses=options.poses,
         prior=arguments.share("--prior", options.prior),
         massless=options.massless,
+        sensor_errors=arguments.named_numbers("--sensor-error", options.sensor_error, "KIND=VALUE"),
+        conversions=_conversions(options),
         progress=options.progress.start("identifying", unit="poses"),
     )
     document = identification.to_dict()
@@ -163,37 +224,44 @@ def run_identify(options: Namespace) -> Report:
             f"the rank {identification.base.rank} of the base parameters is uncertain: the gap of singular "
             f"values is {identification.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
-    if options.out is not None:
+    options.refusal = identification.refusal
+    if options.out is not None and options.refusal is None:
         options.written = document["robot_file"] = str(
             identification.write(options.out, overwrite=options.overwrite)
         )
-    return document, identification_lines(identification)
+    return document, identification_lines(identification, everything=options.all)
 
 
-def identification_lines(identification: Identification) -> list[str]:
-    """Return the report on identified parameters, in words."""
+def identification_lines(identification: Identification, *, everything: bool = False) -> list[str]:
+    """Return the report on identified parameters, in words; `everything` lists the base parameters."""
     base = identification.base
-    joints = identification.robot.actuator_names
+    robot = identification.robot
+    noise = zip(robot.actuator_names, identification.noise, robot.torque_units, strict=True)
     words = {
         "parameters": len(base.parameters),
-        "before": _format_errors(joints, identification.error_before),
-        "after": _format_errors(joints, identification.error_after),
-        "unseen": len(base.without_effect),
-        "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
+        "noise": ", ".join(f"{joint} {value:.2g} {unit}" for joint, value, unit in noise),
+        "massless": f"\n  massless          left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
-    rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
-    lines = [IDENTIFIED.format(identification, **words), *(BASE_PARAMETER.format(*row) for row in rows)]
+    lines = [IDENTIFIED.format(identification, **words)]
+    lines.append("  " + "\t".join(["model", *robot.actuator_names, "worse by"]))
+    for prediction in identification.predictions:
+        errors = (f"{100 * error:.3g} %" for error in prediction.errors)
+        lead = "" if np.isinf(prediction.lead) else f"{prediction.lead:.1f}"
+        lines.append("  " + "\t".join([prediction.model, *errors, lead]))
+
+    shown = [quantity for quantity in identification.quantities if everything or quantity.determined]
+    if shown:
+        lines.append("  quantity\tvalue\tdeviation\tfile\tunit")
+    for quantity in shown:
+        unit = quantity.unit if quantity.determined else f"{quantity.unit}, not shown by these data"
+        lines.append(QUANTITY.format(quantity, unit))
+    hidden = len(identification.quantities) - len(shown)
+    if hidden:
+        lines.append(f"  not shown         by these data: {hidden} more quantities, see --all")
+    if everything:
+        lines.append("  base parameter\tvalue\tdeviation\tfile")
+        rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
+        lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}".format(*row) for row in rows]
     if identification.changed:
         lines.append(f"  off the file      {'; '.join(identification.changed)}")
-    if identification.undetermined:
-        lines.append(f"  not seen          and left as in the file: {'; '.join(identification.undetermined)}")
-    if identification.keeps_file:
-        lines.append("  the file's stay   all of them: they predict the torques held out at least as well")
     return lines
-
-
-def _format_errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
-    """State the errors (n,) of the joints in per cent."""
-    if not np.isfinite(errors).all():
-        return "not known (all at Type 2)"
-    return ", ".join(f"{joint} {100 * error:.2g} %" for joint, error in zip(joints, errors, strict=True))

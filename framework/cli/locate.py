@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from contextlib import suppress
 
 import numpy as np
 
+from framework.atlas.nearest import nearest_singular_pose
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
@@ -16,12 +18,17 @@ from framework.cli.parser import (
     add_robot,
     add_wrenches,
 )
+from framework.errors import NoAnswer, OutOfReach, Type1Singularity
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.path import Beginning, Line, Path
 from framework.numerics.output import Document, select_fields
 from framework.planning.feasibility import feasibility_at, optimal_durations
 from framework.planning.plan_facts import twist_text
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path, spring_shift
 
+BEFORE_END = 0.999  # of s at the end of the branch: at the end itself the joints have no rates
+BEYOND = (2.0, 1.5, 1.2, 1.05)  # lengths of a line through the nearest singular pose, over its distance
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
@@ -39,11 +46,16 @@ def add_locate_options(parser: OneLineParser) -> None:
 def run_locate(options: Namespace) -> Report:
     """Report the singular points and near misses in the order of the path."""
     robot = arguments.load(options)
+    if options.scene is options.start is options.end is options.via is None:
+        return _report_nearest(robot)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
     # a request needs a duration, on which singular points do not depend
     request = Request.of(robot, path, **{"duration": 1.0, **typed})
-    searched = search_path(robot, path).under(request.external_wrenches)
+    try:
+        searched = search_path(robot, path).under(request.external_wrenches)
+    except (OutOfReach, Type1Singularity) as end:
+        return _report_beginning(robot, path, end, options)
     optimal = optimal_durations(searched, request)
     singularities = []
     near_misses = []
@@ -66,6 +78,50 @@ def run_locate(options: Namespace) -> Report:
         "least_duration": optimal and optimal.shortest,
         "near_misses": near_misses,
     }
+    return document, lines
+
+
+def _report_beginning(
+    robot: ParallelRobot, path: Path, end: OutOfReach | Type1Singularity, options: Namespace
+) -> Report:
+    """Report the singular points on the part of a path before its `end`, which stays the refusal.
+
+    Raises:
+        OutOfReach, Type1Singularity: `end`, without such points.
+    """
+    share = BEFORE_END * end.s
+    points = search_path(robot, Beginning(path, share)).points if share > 0.0 else ()
+    if not points:
+        raise end
+    options.refusal = end
+    lines = [f"{robot.name}: before the path ends at s = {end.s:.6g}:"]
+    entries: list[Document] = []
+    for at in points:
+        s = at.s * share
+        entries.append({"s": s, **select_fields(at, "kind", "contact", "twist", "platform")})
+        twist = twist_text(robot, at.twist)
+        lines.append(f"s = {s:.12f}  {at.kind} ({at.contact})  {robot.place(at.platform)}  t_s = {twist}")
+    return {"robot": robot.name, "flexibility": robot.flexibility, "singularities": entries}, lines
+
+
+def _report_nearest(robot: ParallelRobot) -> Report:
+    """Report the singular pose nearest to the reference, and a line that crosses there."""
+    nearest = nearest_singular_pose(robot, robot.reference.q)
+    document = select_fields(nearest, "status", "distance", "at_least", "leg_end", "unit", "within", "twist")
+    document = {"robot": robot.name, "flexibility": robot.flexibility, "nearest_singular_pose": document}
+    lines = [f"{robot.name}: the singular pose nearest to the reference: {nearest.status}"]
+    if nearest.x is None or nearest.twist is None:
+        return document, lines
+    lines.append(f"  at {robot.place(nearest.x)}; t_s = {twist_text(robot, nearest.twist)}")
+    start = robot.reference.x.round(9) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
+    for length in BEYOND:
+        end = (start + length * (nearest.x - start)).round(9) + 0.0
+        with suppress(NoAnswer):
+            if search_path(robot, Line(start, end)).points:
+                ends = (" ".join(map(repr, x.tolist())) for x in (start, end))
+                lines.append("  to cross there    --from {} --to {}".format(*ends))
+                document["line"] = {"from": start, "to": end}
+                break
     return document, lines
 
 

@@ -51,6 +51,8 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
 
 def is_limited(stated: Limit) -> bool:
     """Return whether stated limits, in any form of `Limit`, bound a motor; None and infinity do not."""
+    if stated is None:
+        return False
     values = stated.values() if isinstance(stated, Mapping) else np.atleast_1d(np.array(stated, object))
     return any(value is not None and value != np.inf for value in values)
 

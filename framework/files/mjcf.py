@@ -82,7 +82,12 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     pin.forwardKinematics(model, data, q, np.zeros(model.nv))
     for j in range(1, model.njoints):
         bodies.append(_add_body(robot, data, j, bodies[model.parents[j]], hinges=hinges))
-    _add_loops(robot, root, bodies)
+    zero = pin.neutral(model)
+    if hinges:  # hinges are zero where the balls are in the reference
+        for joint in filter(is_ball, list(model.joints)):
+            ball = slice(joint.idx_q, joint.idx_q + joint.nq)
+            zero[ball] = q[ball]
+    _add_loops(robot, root, bodies, zero)
     _add_motors(robot, root)
 
     # the assembled reference
@@ -228,12 +233,14 @@ def _add_loops(
     robot: ParallelRobot,
     root: Element,
     bodies: list[Element],
+    zero: Array,
     *,
     point_distance: float = 0.1,  # [robot lengths] between the points that close a hinge or a weld
 ) -> None:
     """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
 
-    `bodies` are the elements of the bodies, by number of pinocchio's joint.
+    `bodies` are the elements of the bodies, by number of pinocchio's joint; `zero` (nq,) is MuJoCo's zero
+    pose, from which MuJoCo measures the lengths of tendons.
 
     A closure makes the origins of its two frames coincide. If it also locks turns, further points of both
     frames coincide, each on one axis of the frame (`OFF_ORIGIN`).
@@ -243,8 +250,22 @@ def _add_loops(
         _add_site(bodies, name, frame, np.zeros(3))
 
     axes = equality_axes(robot)
-    equality = SubElement(root, "equality")
+    equality, tendons = SubElement(root, "equality"), Element("tendon")
+    positions = dict(zip(frames, frames_at(robot, zero[None]).placements[0, :, 3], strict=True))
     for closure in robot.description.closures:
+        if closure.axes == locked_axes("distance") and closure.length is not None:
+            tendon = SubElement(tendons, "spatial", name=closure.name)
+            for end in closure.frames:
+                SubElement(tendon, "site", site=end)
+            first, second = (positions[end] for end in closure.frames)
+            excess = closure.length - float(np.linalg.norm(second - first))
+            words = {
+                "name": closure.name,
+                "tendon1": closure.name,
+                "polycoef": vector_text([excess, 0, 0, 0, 0]),
+            }
+            SubElement(equality, "tendon", words | HARD_EQUALITY)
+            continue
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
             name = f"{closure.name}_{axis}"  # of the equality, and the end of its sites' names
@@ -258,6 +279,9 @@ def _add_loops(
         # joint1 = offset + ratio joint2, as a polynomial of degree 4 in joint2
         polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
         SubElement(equality, "joint", joints | {"polycoef": polynomial} | HARD_EQUALITY)
+
+    if len(tendons):
+        root.append(tendons)
 
 
 def _add_connect(equality: Element, name: str, site1: str, site2: str) -> None:
@@ -293,7 +317,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     Raises:
         InvalidInput: no equality locks the axes of a closure; the message has the axes along which it moves.
     """
-    closures = robot.description.closures
+    closures = [one for one in robot.description.closures if one.axes != locked_axes("distance")]
     locked = {closure.name: closure.axes for closure in closures}
     unexpressed = [closure for closure in closures if closure.axes not in OFF_ORIGIN]
     if unexpressed:
@@ -329,7 +353,7 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
     added = ", ".join(axis for axis in nearest if axis not in closure.axes)
     raise InvalidInput(
         f"{robot.name}: MuJoCo has no equality for closure {closure.name!r}, which locks "
-        f"{', '.join(closure.axes)} (valid: kinds spherical, revolute and fixed"
+        f"{', '.join(closure.axes)} (valid: kinds spherical, revolute, fixed and distance"
         f"{f'; wider ones would lock {added}, along which the robot moves' if added else ''})"
     )
 

@@ -6,21 +6,26 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `recording` reads data and simulates them.
+measured poses. `recording` reads data and simulates them, `conversions` declares their units and signs.
 
     combinations     the combinations of parameters that a regressor determines
     measured_motion  the motion of all joints from recorded samples
-    geometry         errors of joint origins as virtual joints, and equations for these errors
+    torque_rows      torques as linear equations of the base parameters
+    least_squares    their solution, with the covariance of their own noise
+    possible_bodies  bodies that can exist, nearest to the solution
+    geometry         errors of joint origins and of lengths, and equations for these errors
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters
 from framework.identification.calibrate import Calibration, calibrate
+from framework.identification.conversions import Conversions
 from framework.identification.identify import Identification, identify
 from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
 
 __all__ = [
     "BaseParameters",
     "Calibration",
+    "Conversions",
     "Identification",
     "Recording",
     "Sensors",

@@ -23,6 +23,7 @@ from framework.identification.combinations import (
     find_combinations,
     merge_rows,
 )
+from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.geometry import (
     Geometry,
     Measurements,
@@ -33,10 +34,10 @@ from framework.identification.geometry import (
     select_measurements,
     sensor_slopes,
 )
-from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
+from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
-from framework.kinematics.frames import integrate_columns
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
@@ -79,6 +80,7 @@ class Calibration(ReadOnlyArrays):
     noise: float
     degrees_of_freedom: float
     outliers: tuple[int, ...]  # instants with a weight below one half
+    outlier_rows: Names  # where they stand in the file
     instants: int
     steps: int
     seconds: float
@@ -102,7 +104,7 @@ class Calibration(ReadOnlyArrays):
         """Return all numbers, for JSON."""
         parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
         errors = zip(self.measured.names, self.error_before, self.error_after, strict=True)
-        keys = ("noise", "degrees_of_freedom", "outliers", "instants", "steps", "seconds")
+        keys = ("noise", "degrees_of_freedom", "outliers", "outlier_rows", "instants", "steps", "seconds")
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.combinations, "rank", "gap"),
@@ -128,6 +130,7 @@ def calibrate(
     noise: Mapping[str, float] | None = None,
     length_error: float = LENGTH_ERROR,
     angle_error: float = ANGLE_ERROR,
+    conversions: Conversions | None = None,
     progress: Callable[[int], None] = lambda steps: None,
 ) -> Calibration:
     """Calibrate the origins of joints and closure frames from measured poses.
@@ -135,10 +138,11 @@ def calibrate(
     Args:
         data: a recording of motor angles and of platform coordinates or angles of other joints; or the name
             of its file.
-        joints: the joints whose origins are calibrated; by default all between the base and the frames of the
-            platform and of closures.
+        joints: joints whose origins are calibrated, and closures whose lengths are; by default all lengths,
+            and all joints between the base and the frames of the platform and of closures.
         noise: standard deviations of measurements by kind: `motor_angle`, `joint`, `platform` [rad, m].
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+        conversions: units, signs and exchanged columns of the data.
         progress: called with the number of steps tried.
 
     Raises:
@@ -151,27 +155,30 @@ def calibrate(
     noise = noise or {}
     _check_errors(noise, length_error=length_error, angle_error=angle_error)
     geometry = parametrise_geometry(robot, joints)
-    data = load_recording(robot, data)
+    data = load_recording(robot, data, conversions)
     measured = select_measurements(geometry, data, {**NOISE, **noise})
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
+    _refuse_mistaken_columns(geometry, data, {**NOISE, **noise})
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
     prior = np.where(geometry.turning, angle_error, length_error)  # (p,) standard deviations
 
     # fit the parameters to three quarters of the instants
     training = measured.select_instants(~is_test)
     training_q = q[~is_test]
-    solver = GaussNewton(geometry.model, training, training_q, prior)
+    solver = GaussNewton(geometry, training, training_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
     # what the data determine is examined at the file's geometry
-    equations = eliminate_poses(geometry.model, training, training_q)
+    equations = eliminate_poses(geometry, training, training_q, np.zeros_like(prior))
     combinations = _find_combinations(equations, training, prior)
 
+    # Huber's weights, below one half; the solver has their square roots
+    outliers = np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()
     # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
-    predict_error = partial(_prediction_error, geometry.model, test, q[is_test])
+    predict_error = partial(_prediction_error, geometry, test, q[is_test])
     return Calibration(
         robot=robot,
         geometry=geometry,
@@ -184,8 +191,8 @@ def calibrate(
         error_after=predict_error(solver.values),
         noise=solver.noise,
         degrees_of_freedom=solver.degrees_of_freedom,
-        # Huber's weights, below one half; the solver has their square roots
-        outliers=tuple(np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()),
+        outliers=tuple(outliers),
+        outlier_rows=tuple(map(data.row, outliers)),
         instants=len(data),
         steps=solver.steps,
         seconds=clock.perf_counter() - started,
@@ -210,6 +217,23 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     for refusal in stack.refused.values():
         raise refusal  # of the first refused instant
     return stack.q
+
+
+def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[str, float]) -> None:
+    """Raise InvalidInput if one change of a column brings the poses near those of the file's geometry."""
+
+    def misfit(recording: Recording) -> float:
+        """Compute the mean squared offset of measurements from the model, over their squared spread."""
+        measured = select_measurements(geometry, recording, noise)
+        q = _solve_poses(geometry.model, measured)
+        offset = measurement_offsets(geometry.model, measured, frames_at(geometry.model, q)).offset
+        spread = measured.values.std(axis=0)  # (m,)
+        squares = [
+            np.mean((part / measured.noise)[..., geometry.model.n_a :] ** 2) for part in (offset, spread)
+        ]
+        return float(squares[0] / squares[1])
+
+    refuse_mistaken_columns(data, ("motor_angle", "joint", "platform"), misfit)
 
 
 def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
@@ -249,7 +273,7 @@ def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float
         )
 
 
-def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
+def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, values: Array) -> Array:
     """Compute root mean square errors (m,) [rad, m] of measurements predicted from motor angles.
 
     The motors of q (T, nq) are moved to their measured angles, and the parameters to `values` (p,). Then the
@@ -258,6 +282,7 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
     Raises:
         NotConverged: the loops do not close.
     """
+    model = geometry.with_lengths(values)
     motor_steps = measured.values[:, : model.n_a] - model.actuated_coordinates(q)
     start = _move_poses(model, q, model.actuated, motor_steps, values)
     poses = close_at_motors(model, start, np.zeros((len(q), model.model.nv)), start)
@@ -275,9 +300,9 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
 def _move_poses(model: ParallelRobot, q: Array, columns: IntArray, steps: Array, change: Array) -> Array:
     """Move columns (k,) of q (T, nq) by steps (T, k), and the parameters by a change (p,).
 
-    The parameters are the elastic columns of the model.
+    The first parameters are the elastic columns of the model, the others are no joints.
     """
-    parameter_steps = np.tile(change, (len(q), 1))
+    parameter_steps = np.tile(change[: model.n_e], (len(q), 1))
     columns = np.concatenate([columns, model.elastic])
     return integrate_columns(model, q, columns, np.hstack([steps, parameter_steps]))
 
@@ -305,7 +330,7 @@ def _describe_unseen(
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
         motion[:, model.joints] = equations.joint_slopes @ direction  # keeps the loops closed
-        motion[:, model.elastic] = direction
+        motion[:, model.elastic] = direction[: model.n_e]
         # a sensor shows the direction if its value changes by more than rounding
         rounding = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
         changes = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
@@ -330,14 +355,15 @@ class GaussNewton:
     steps: number of steps tried.
     """
 
-    def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
+    def __init__(self, geometry: Geometry, measured: Measurements, q: Array, prior: Array) -> None:
         """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise.
 
         Args:
             measured: the measurements at the T instants.
             prior: (p,) standard deviations of the file's parameters [m, rad].
         """
-        self.model = model
+        self.geometry = geometry
+        self.model = geometry.model
         self.measured = measured
         self.q = q
         self.prior = prior
@@ -348,7 +374,7 @@ class GaussNewton:
         self.steps = 0
         self.deviations = prior
         # eliminating the pose of an instant uses up as many equations as there are motors
-        self.equations_per_instant = len(measured.names) - model.n_a
+        self.equations_per_instant = len(measured.names) - self.model.n_a
 
     def run(
         self,
@@ -370,7 +396,7 @@ class GaussNewton:
             NotConverged: no convergence within `max_steps` steps or with a damping of at most `max_damping`.
         """
         damping = first_damping
-        equations = eliminate_poses(self.model, self.measured, self.q)
+        equations = eliminate_poses(self.geometry, self.measured, self.q, self.values)
         cost = self._reweight(equations)  # at the file's parameters
         while self.steps < max_steps and damping <= max_damping:
             self.steps += 1
@@ -380,7 +406,7 @@ class GaussNewton:
             joint_steps = equations.joint_step + equations.joint_slopes @ change
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
-            next_equations = eliminate_poses(self.model, self.measured, q)
+            next_equations = eliminate_poses(self.geometry, self.measured, q, values)
 
             # the cost must not rise by more than rounding
             if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:

@@ -1,9 +1,9 @@
-"""The geometric parameters of a robot, errors of the joint origins in its URDF, and equations for them.
+"""The geometric parameters of a robot, errors of joint origins and of lengths, and equations for them.
 
 Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
-parameters: translations along the axes of its origin, then rotations about them. Each parameter is a virtual
-joint, like that of a spring. So the equations of the robot with these joints also give derivatives with
-respect to the parameters.
+parameters: translations along the axes of its origin, then rotations about them. Each is a virtual joint,
+like that of a spring. So the equations of the robot with these joints also give derivatives with respect to
+the parameters. The length of a `distance` closure is a parameter as well: it is in the constant of the row.
 
 At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
 plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = closing_step + joint_slopes dp +
@@ -29,6 +29,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
 from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.documents import child_element, read_origin, remove_children
+from framework.model.loop_rows import LoopRows
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
@@ -40,46 +41,89 @@ PLACED = "placed"  # suffix of the fixed joint that takes over the origin of a m
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot with p errors of its joint origins as parameters."""
+    """A robot with p errors of joint origins, then of the lengths of closures, as parameters."""
 
     robot: ParallelRobot
-    model: ParallelRobot  # the robot with an elastic virtual joint for each parameter
-    joints: Names  # (p / 6,) joints whose origins have errors
-    names: Names  # (p,) names of the parameters, JOINT.x .. JOINT.rz
+    model: ParallelRobot  # the robot with an elastic virtual joint for each parameter of an origin
+    joints: Names  # joints whose origins have errors
+    lengths: Names  # closures whose lengths have errors
+    names: Names  # (p,) names of the parameters, JOINT.x .. JOINT.rz, CLOSURE.length
     turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
 
     def description(self, values: Array) -> RobotDescription:
-        """Return the robot's description with joint origins moved by parameters (p,)."""
+        """Return the robot's description with origins and lengths changed by parameters (p,)."""
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
         elements = elements_by_name(urdf, "joint")
-        for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
+        moves, lengths = np.split(values, [6 * len(self.joints)])
+        for joint, move in zip(self.joints, moves.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
-        return replace(description, urdf_text=tostring(urdf, encoding="unicode"))
+        changes = dict(zip(self.lengths, lengths.tolist(), strict=True))
+        closures = [
+            replace(closure, length=closure.length + changes[closure.name])
+            if closure.length is not None and closure.name in changes
+            else closure
+            for closure in description.closures
+        ]
+        urdf_text = tostring(urdf, encoding="unicode")
+        return replace(description, urdf_text=urdf_text, closures=tuple(closures))
+
+    def with_lengths(self, values: Array) -> ParallelRobot:
+        """Return the model with the lengths of closures changed by parameters (p,).
+
+        With the weight 1 / 2 L of the file's length L, the constant of the row (d.d - length^2) / 2 L is
+        length^2 / 2 L.
+        """
+        changes = dict(zip(self.lengths, values[6 * len(self.joints) :], strict=True))
+        if not changes:
+            return self.model
+
+        def change(rows: LoopRows) -> LoopRows:
+            """Change the constants of the rows."""
+            constant = rows.constant.copy()
+            for k, name in enumerate(rows.names):
+                closure = name.rpartition(".")[0]
+                if rows.square[k] and closure in changes:
+                    constant[k] = rows.weight[k] * (rows.reach[k] + changes[closure]) ** 2
+            return replace(rows, constant=constant)
+
+        equations = replace(self.model.equations, loops=change(self.model.loops))
+        return replace(self.model, rows=change(self.model.rows), equations=equations)
+
+    def length_slopes(self, rows: LoopRows) -> Array:
+        """Compute the derivatives (m, lengths) of the residuals of m rows with respect to the lengths."""
+        slopes = np.zeros((len(rows.names), len(self.lengths)))
+        for k in np.flatnonzero(rows.square).tolist():
+            closure = rows.names[k].rpartition(".")[0]
+            if closure in self.lengths:
+                slopes[k, self.lengths.index(closure)] = -2.0 * rows.weight[k] * rows.reach[k]
+        return slopes
 
 
 def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
-    """Add six geometric parameters to the origin of each joint.
+    """Add six geometric parameters to the origin of each joint, and one to each length of a closure.
 
     Each joint gets a spring of six virtual joints directly behind its origin. Behind the origin of a fixed
     joint this is behind the joint itself. For a moving joint a new fixed joint takes over the origin, and the
     virtual joints come between it and the moving joint.
 
     Args:
-        joints: names of the joints; by default all joints between the base and the frames of the platform and
-            of closures.
+        joints: names of joints, or of closures with a length; by default all these closures, and all joints
+            between the base and the frames of the platform and of closures.
 
     Raises:
-        InvalidInput: a joint is not one of these, or there are too many.
+        InvalidInput: a name is not one of these.
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = elements_by_name(urdf, "joint")
     # choose joints that exist, in the order of the URDF
     candidates = _joints_to_frames(description, elements)
+    with_length = [closure.name for closure in description.closures if closure.length is not None]
     for name in joints or ():
-        check_choice("joint", name, candidates)
+        check_choice("joint", name, [*candidates, *with_length])
+    lengths = tuple(name for name in with_length if joints is None or name in joints)
     chosen = tuple(name for name in candidates if joints is None or name in joints)
 
     # place a spring of six virtual joints behind the origin of each joint
@@ -96,8 +140,12 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         robot=robot,
         model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
         joints=chosen,
-        names=tuple(f"{name}.{axis}" for name in chosen for axis in AXES),
-        turning=np.tile([axis.startswith("r") for axis in AXES], len(chosen)),
+        lengths=lengths,
+        names=(
+            *(f"{name}.{axis}" for name in chosen for axis in AXES),
+            *(f"{name}.length" for name in lengths),
+        ),
+        turning=np.array([axis.startswith("r") for axis in AXES] * len(chosen) + [False] * len(lengths)),
     )
 
 
@@ -297,20 +345,24 @@ class ParameterEquations(NamedTuple):
     joint_slopes: Array  # (T, k, p) further steps of the joints for unit steps of the parameters
 
 
-def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
+def eliminate_poses(
+    geometry: Geometry, measured: Measurements, q: Array, values: Array
+) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    Each of the p parameters is an elastic joint of the model. After steps dp of the parameters and z (T, f)
+    The p parameters are the elastic joints of the model, then lengths. After steps dp of them and z (T, f)
     along the f free motions of the closed loops, the offsets over their noise are r + A dp + B z. Least
     squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and
     Pereyra 1973).
 
     Args:
         measured: m measurements at the T instants, with their standard deviations `noise` (m,).
+        values: (p,) parameters at q.
     """
+    model = geometry.with_lengths(values)
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,) units of the k joints of the robot itself
-    loops = _solve_linear_loops(model, frames)
+    loops = _solve_linear_loops(geometry, model, frames)
 
     # the offsets over their noise, and their slopes along joints and parameters
     measurements = measurement_offsets(model, measured, frames)
@@ -318,7 +370,8 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
     r = measurements.offset / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
     # a parameter acts directly, and through the joints that move to keep the loops closed
-    A = slopes[:, :, model.elastic] + by_joints @ loops.joint_slopes  # (T, m, p)
+    A = by_joints @ loops.joint_slopes  # (T, m, p)
+    A[:, :, : len(model.elastic)] += slopes[:, :, model.elastic]
     B = by_joints @ loops.free_motions  # (T, m, f)
 
     # eliminate z
@@ -348,7 +401,7 @@ class _LinearLoops(NamedTuple):
     loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
 
 
-def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
+def _solve_linear_loops(geometry: Geometry, model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
 
     F_q and F_p are the derivatives of the r loop equations along the k joints and the p parameters. The first
@@ -360,7 +413,8 @@ def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoop
     residual = weights * loops.residual
     jacobian = weights[:, None] * loops.jacobian
     F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
-    F_p = jacobian[:, :, model.elastic]  # (T, r, p)
+    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(frames.q), 1, 1))
+    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2)  # (T, r, p)
     U, S, V_rows = np.linalg.svd(F_q)
     rank = len(model.structure.independent)
     U_rows = U.swapaxes(1, 2)

@@ -1,66 +1,70 @@
 """Identification of inertial and motor parameters from motor angles, torques and time.
 
-Base parameters are estimated by weighted least squares from the rows N' Y theta = N' S tau
-(`base_parameters`). Noise e of the torques is noise G' e of these rows, with G of `platform_wrench`. At a
-Type 2 singularity G' e has no component along the twist t_s of the escaping motion, and errors of the motion
-dominate there. So the noise of a row has a lower bound, which limits the row's weight.
+    recording -> motion of all joints (`measured_motion`) -> equations of the motor torques (`torque_rows`)
+    -> weighted least squares (`least_squares`) -> bodies that can exist (`possible_bodies`)
+    -> torques held out, predicted by the twin and by simpler models
 
-From the base parameters follow parameters of bodies that can exist, near the robot file's values. The misfit
-to the data is a quadratic form in all parameters. A prior keeps parameters that the data do not determine at
-the file's values. The pseudo-inertia of every body must be positive semidefinite (Wensing, Kim and Slotine,
-IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be
-negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides its
-parameters among the links.
+The twin is accepted only if it predicts the torques held out better than every simpler model: no torque at
+all, the robot file, friction alone, and the file with another payload.
 """
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from framework.dynamics.body_parameters import pseudo_inertia
-from framework.errors import InvalidInput, NotConverged
+from framework.dynamics.body_parameters import INERTIAL, pseudo_inertia
+from framework.errors import InvalidInput, NotIdentified, check_choice
 from framework.identification.base_parameters import (
+    OF_MOTORS,
     BaseParameters,
     LinkParameters,
-    ParameterRegressor,
     base_parameters,
     collect_link_parameters,
-    parameter_regressor,
-    read_inertial_parameters,
     with_masses_and_motors,
-    write_inertial,
 )
-from framework.identification.combinations import merge_rows
-from framework.identification.measured_motion import MeasuredMotion, measured_motion
-from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
+from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
+from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
+from framework.identification.measured_motion import measured_motion
+from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
+from framework.identification.recording import HELD_OUT_EVERY, Recording
+from framework.identification.torque_rows import TorqueRows, torque_rows
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
-from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
-from framework.numerics.fields import positive
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
+from framework.tolerances import BETTER_DEVIATIONS, SIGNIFICANT_DEVIATIONS
 
-# An additional row with a small deviation keeps an undetermined base parameter near the file's value. This is
-# the ratio of that deviation to the estimated one, and the largest ratio to the parameter's size. The
-# smallest ratio to the size is its square, as the inverse square of the deviation enters a matrix.
-UNSEEN_SPREAD = 1e-3
+GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by these names
+BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
 
-class Rows(NamedTuple):
-    """Equations A theta = b for the p parameters, with independent noise of one common size."""
+class IdentifiedQuantity(NamedTuple):
+    """A mass, centre, inertia or motor parameter in SI units, that data determine or not."""
 
-    matrix: Array  # (rows, p) A
-    right: Array  # (rows,) b
+    name: str
+    unit: str
+    value: float
+    deviation: float
+    file: float
+    determined: bool  # the data leave less than half of the deviation that the prior allows
+
+
+class Prediction(NamedTuple):
+    """Errors of torques held out, predicted by one model."""
+
+    model: str
+    errors: Array  # (n_a,) root mean square error over root mean square torque
+    lead: float  # how much worse than the twin, in standard errors; infinite for the twin itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +73,15 @@ class Identification(ReadOnlyArrays):
 
     Attributes:
         base: the base parameters of the robot.
-        values, deviations: (rank,) estimated base parameters and their standard deviations; a deviation is
-            infinite if these data do not determine the parameter.
-        parameters: (p,) values of `base.parameters` that physically possible bodies can have, as near as
-            possible to the file's values.
-        links, link_values: parameters of single links and their identified values. Base parameters that these
-            data do not determine keep the file's values. All parameters keep them if the file predicts the
-            held-out torques better.
-        error_before, error_after: (n_a,) errors of held-out motor torques that the file and `parameters`
-            predict: root mean square error over root mean square of the measured torques. They are NaN if all
-            held-out instants are near Type 2.
+        values, deviations: (rank,) base parameters estimated from the data alone, and their standard
+            deviations; a deviation is infinite if these data do not determine the parameter. Parameters that
+            were not asked for keep the file's values, with the deviation 0.
+        parameters: (p,) values of `base.parameters` that physically possible bodies can have; the data decide
+            what they determine, the prior about the file decides the rest.
+        quantities: masses, centres of mass, inertias about these centres, rotors and friction.
+        predictions: of the torques held out, the twin's first.
+        noise: (n_a,) root mean square residual of the motor torques [N m, N].
+        steps: (n_a,) least differences of recorded torques, over their largest values.
     """
 
     robot: ParallelRobot
@@ -88,34 +91,75 @@ class Identification(ReadOnlyArrays):
     parameters: Array
     links: LinkParameters
     link_values: Array
-    error_before: Array
-    error_after: Array
-    noise: float  # ratio of the rows' noise to the torques' noise; 1 if there are no other errors
+    quantities: tuple[IdentifiedQuantity, ...]
+    predictions: tuple[Prediction, ...]
+    noise: Array
+    steps: Array
     cutoff: float  # [Hz]
     poses: str  # source of the poses: motors or platform
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors' joints from their angles
     instants: int
+    equations: int  # of the fit
+    order: int  # of the autoregressive noise
     seconds: float
 
     @property
     def undetermined(self) -> Names:
         """Names of base parameters whose standard deviation exceeds their size."""
-        return self._base_names(_find_undetermined(self.base, self.values, self.deviations))
-
-    @property
-    def keeps_file(self) -> bool:
-        """Whether the file's parameters stay: the file predicts held-out torques better."""
-        return bool((self.link_values == self.links.values).all())
+        return self._base_names(self.deviations > np.maximum(np.abs(self.values), np.abs(self.base.values)))
 
     @property
     def changed(self) -> Names:
         """Names of base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
-        return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
+        return self._base_names((change > SIGNIFICANT_DEVIATIONS * self.deviations) & (self.deviations > 0))
 
     def _base_names(self, mask: BoolArray) -> Names:
         """Return the names of the base parameters in a mask (rank,)."""
         return tuple(self.base.names[k] for k in np.flatnonzero(mask))
+
+    @property
+    def error_before(self) -> Array:
+        """Relative errors (n_a,) of the torques held out, predicted by the file."""
+        return next(prediction.errors for prediction in self.predictions if prediction.model == "file")
+
+    @property
+    def error_after(self) -> Array:
+        """Relative errors (n_a,) of the torques held out, predicted by the twin."""
+        return self.predictions[0].errors
+
+    @property
+    def rivals(self) -> Names:
+        """Simpler models that predict the torques held out as well as the twin, the best first."""
+        others = sorted(self.predictions[1:], key=lambda prediction: float(np.linalg.norm(prediction.errors)))
+        return tuple(other.model for other in others if not other.lead > BETTER_DEVIATIONS)
+
+    @property
+    def refusal(self) -> NotIdentified | None:
+        """The reason why the twin is not accepted; None if it is."""
+        if not self.rivals:
+            return None
+        return NotIdentified(
+            f"{self.robot.name}: the twin predicts the torques held out no better than {self.rivals[0]}; "
+            f"{self._find_reason()}",
+        )
+
+    def _find_reason(self, *, coarse: float = 0.05, unexplained: float = 0.5) -> str:
+        """Say why the data determine no twin: `coarse` steps of a torque, or a share left `unexplained`."""
+        motors = self.robot.actuator_names
+        worst = int(np.argmax(self.steps))
+        if self.steps[worst] > coarse:
+            return (
+                f"torque_{motors[worst]} is recorded in steps of {100 * self.steps[worst]:.0f} % of its "
+                f"largest value: record finer steps, or a motion with larger torques"
+            )
+        least = min(float(np.max(prediction.errors)) for prediction in self.predictions)
+        if least > unexplained:
+            return (
+                f"even the best model leaves {100 * least:.0f} % of a torque: noise, or forces that these "
+                f"models do not contain"
+            )
+        return "what these data show beyond it is no larger than their noise"
 
     @property
     def _description(self) -> RobotDescription:
@@ -123,16 +167,19 @@ class Identification(ReadOnlyArrays):
         return with_masses_and_motors(self.robot, self.links, self.link_values)
 
     def identified_robot(self) -> ParallelRobot:
-        """Return the robot with the identified parameters."""
+        """Return the robot with the identified parameters, accepted or not."""
         return ParallelRobot.from_description(self._description)
 
     def write(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the robot file and the URDF with the identified parameters; return the robot file.
 
         Raises:
+            NotIdentified: a simpler model predicts the torques held out as well.
             OutputError: the folder cannot be written; they would overwrite the files that were read or,
                 without `overwrite`, files that somebody has edited.
         """
+        if self.refusal is not None:
+            raise self.refusal
         comments = ["Its parameters were identified."]
         return write_robot_file(self._description, folder, comments=comments, overwrite=overwrite)
 
@@ -141,15 +188,23 @@ class Identification(ReadOnlyArrays):
         motors = self.robot.actuator_names
         keys = ("name", "value", "standard_deviation", "file")
         columns = (self.base.names, self.values, self.deviations, self.base.values)
+        others = ("cutoff", "poses", "motor_misfit", "instants", "equations", "order", "seconds")
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.base, "rank", "gap", "certain"),
+            "accepted": self.refusal is None,
+            "quantities": [quantity._asdict() for quantity in self.quantities],
             "base_parameters": [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)],
-            **select_fields(self, "changed", "undetermined"),
+            **select_fields(self, "changed", "undetermined", "rivals"),
             "parameters": dict(zip(self.base.parameters, self.parameters, strict=True)),
             "torque_error_before": dict(zip(motors, self.error_before, strict=True)),
             "torque_error_after": dict(zip(motors, self.error_after, strict=True)),
-            **select_fields(self, "noise", "cutoff", "poses", "motor_misfit", "instants", "seconds"),
+            "predictions": {
+                prediction.model: dict(zip(motors, prediction.errors, strict=True))
+                for prediction in self.predictions
+            },
+            "noise": dict(zip(motors, self.noise, strict=True)),
+            **select_fields(self, *others),
         }
         return plain(document)
 
@@ -158,10 +213,14 @@ def identify(
     robot: ParallelRobot,
     data: Recording | str | Path,
     *,
+    held_out: Recording | str | Path | None = None,
+    only: Sequence[str] = (),
     cutoff: float | None = None,
     poses: str | None = None,
     prior: float = 1.0,
     massless: bool = False,
+    sensor_errors: Mapping[str, float] | None = None,
+    conversions: Conversions | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Identification:
     """Identify inertial parameters, rotor inertias and friction from a recorded motion.
@@ -169,287 +228,322 @@ def identify(
     Args:
         data: a recording with time, motor angles and torques, and the platform if the motion passes Type 2;
             or the name of its CSV file.
-        cutoff: cutoff frequency of the filter [Hz]; by default where the angles' spectra become noise.
+        held_out: another recording, whose torques validate the twin; by default parts of `data`.
+        only: "payload", "friction", "rotor", or names of links, motors' joints or parameters; the others keep
+            the file's values. By default all.
+        cutoff: highest frequency that smoothing passes [Hz]; by default from cross-validation.
         poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
             if that fails.
         prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
         massless: whether to include bodies that have no mass in the file.
+        sensor_errors: standard deviations of errors of the torque sensors: `scale` (share of a torque, by
+            default 0.005), `offset` (share of its root mean square), `delay` [s].
+        conversions: units, signs and exchanged columns of the recordings.
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: wrong or too few data; a robot with springs.
+        InvalidInput: wrong or too few data; a robot with springs; a column that one change would mend.
         NotAssembled: the loops do not close along the recorded motion.
         NotConverged: no physically possible parameters were found.
     """
     expect_robot(robot)
     started = clock.perf_counter()
     positive("prior", prior)
+    errors = {**SENSOR_ERRORS, **(sensor_errors or {})}
+    for name, value in errors.items():
+        check_choice("sensor error", name, SENSOR_ERRORS)
+        not_negative(name, value)
     base = base_parameters(robot, massless=massless)
-
-    # equations of the recorded motion, without the instants held out for validation
-    data = load_recording(robot, data)
-    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
-    regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    test = _mask_held_out(measured.times)
-    rows = _whiten(robot, regressor, measured, ~test)
-    if len(rows.right) <= base.rank:
-        raise InvalidInput(
-            f"{data.source}: {len(rows.right)} equations at {np.count_nonzero(~test)} instants for "
-            f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
-        )
-
-    # estimate the base parameters, then bodies that can exist
-    estimate = _estimate_base_parameters(base, rows)
-    file_values = base.described.values  # (p,)
     links = collect_link_parameters(robot, base.described)
-    link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
-    parameters = file_values + links.to_parameters @ (link_values - links.values)
+    free = _free_parameters(robot, base, links, only)
 
-    # predict the torques held out, and keep the file's values if they predict them better
-    error_before = torque_error(robot, regressor, measured, test, file_values)
-    error_after = torque_error(robot, regressor, measured, test, parameters)
-    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):
-        link_values = links.values
-        parameters = file_values
-        error_after = error_before
+    # equations of the recorded motion, for the fit and for validation
+    data = load_recording(robot, data, conversions)
+    _refuse_mistaken_columns(robot, base, data, poses)
+    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
+    rows = torque_rows(robot, measured, base)
+    if held_out is None:
+        is_test = _mask_held_out(measured.times)
+        test, rows = rows.at(is_test), rows.at(~is_test)
+    else:
+        other = measured_motion(
+            robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses
+        )
+        test = torque_rows(robot, other, base)
+
+    # the base parameters, then bodies that can exist
+    by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (rank, f)
+    fit = estimate(rows, by_links if only else np.eye(base.rank), base.values, errors=errors)
+    root = fit.root if only else fit.root @ by_links
+    possible = fit_possible_parameters(robot, links, free, root, fit.right, prior)
+    if only:
+        values = base.values + by_links @ (possible.values - links.values)[free]
+        deviations = np.sqrt(np.vecdot(by_links @ possible.covariance[np.ix_(free, free)], by_links))
+    else:
+        change, deviations = fit.solve(base.described.sizes[base.combinations.leading])
+        values = base.values + change
+    parameters = base.described.values + links.to_parameters @ (possible.values - links.values)
+    twin = base.combinations.coefficients @ parameters  # (rank,) base parameters
     return Identification(
         robot=robot,
         base=base,
-        values=estimate.values,
-        deviations=estimate.deviations,
+        values=values,
+        deviations=deviations,
         parameters=parameters,
         links=links,
-        link_values=link_values,
-        error_before=error_before,
-        error_after=error_after,
-        noise=estimate.noise,
+        link_values=possible.values,
+        quantities=_describe(robot, links, possible, free, prior),
+        predictions=_compare(robot, base, links, rows, test, twin, fit, errors, only),
+        noise=fit.noise,
+        steps=_torque_steps(measured.torque),
         cutoff=measured.cutoff,
         poses=measured.source,
         motor_misfit=measured.motor_misfit,
         instants=len(measured.times),
+        equations=fit.equations,
+        order=fit.order,
         seconds=clock.perf_counter() - started,
     )
 
 
-def _whiten(
-    robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion, instants: BoolArray
-) -> Rows:
-    """Return the equations of the instants in a mask (T,), whitened by the noise of the `measured` torques.
-
-    The terms of the equations N' Y theta + constant = G' tau are those of the `regressor`. If the torques
-    have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
-    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
-    noise.
-    """
-    scale = robot.platform_scale  # divides moments, so that they compare with forces
-    # (n_a,) not zero, even if torques without noise were recorded
-    noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
-    wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
-    variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
-    least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]  # of errors of the motion
-    deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
-    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
-    wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
-    matrix = (weights @ regressor.matrix)[instants]  # (instants, n, p)
-    return Rows(merge_rows(matrix), np.matvec(weights, wrench)[instants].ravel())
-
-
-def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
-    """Return a mask (rank,) of base parameters with deviations (rank,) above their size.
-
-    The size of a parameter is the larger one of the estimated `values` (rank,) and the file's value.
-    """
-    return deviations > np.maximum(np.abs(values), np.abs(base.values))
-
-
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the times (T,) held out for validation.
+    """Return a mask (T,) of the times (T,) held out: the last of every HELD_OUT_EVERY of the BLOCKS."""
+    return _blocks(times) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
-    The duration is divided into equal blocks, of which the last of every HELD_OUT_EVERY is held out.
-    """
+
+def _blocks(times: Array) -> IntArray:
+    """Return the index (T,) of each instant's block among BLOCKS of equal duration."""
     share = (times - times[0]) / (times[-1] - times[0])
-    count = 5 * HELD_OUT_EVERY  # of blocks
-    blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
-    return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    return np.minimum((share * BLOCKS).astype(np.intp), BLOCKS - 1)
 
 
-class BaseEstimate(NamedTuple):
-    """Least squares estimates of the base parameters."""
-
-    values: Array  # (rank,) SI units
-    deviations: Array  # (rank,) standard deviations; infinite if the rows do not determine the parameter
-    noise: float  # of the rows, assumed as 1
+def _torque_steps(torque: Array) -> Array:
+    """Return the least differences (n_a,) of recorded torques (T, n_a), over their largest values."""
+    steps = [np.diff(np.unique(column)).min(initial=np.inf) for column in torque.T]
+    return np.minimum(steps, np.abs(torque).max(axis=0)) / np.abs(torque).max(axis=0)
 
 
-def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
-    """Estimate the base parameters by least squares (Gautier 1997).
-
-    The base parameters beta, in units of their sizes, solve A beta = b. With A = U S V' the solution is
-    V S^-1 U' b, and its covariance is noise^2 V S^-2 V'. The squared noise is the sum of squared residuals
-    per degree of freedom. Parameters with a component along directions of zero singular value have infinite
-    deviations. The `rows` are whitened, so their noise is 1 if torques have no other errors.
-    """
-    leading = base.combinations.leading
-    sizes = base.described.sizes[leading]
-    A = rows.matrix[:, leading] * sizes  # (rows, rank)
-    U, sigma, V_rows = np.linalg.svd(A, full_matrices=False)
-    is_seen = sigma > RANK_ROUNDING * sigma[0]  # directions that the rows determine
-    inverse = V_rows[is_seen].T / sigma[is_seen]  # (rank, seen) V S^-1
-    beta = inverse @ (U.T @ rows.right)[is_seen]
-    residual = rows.right - A @ beta
-    noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(is_seen))))
-    deviations = sizes * (noise * np.linalg.norm(inverse, axis=1))
-    unseen_part = np.sum(V_rows[~is_seen] ** 2, axis=0)  # (rank,) squared
-    deviations[unseen_part > RANK_ROUNDING] = np.inf
-    return BaseEstimate(sizes * beta, deviations, noise)
+# ------------------------------------------------------------------ which parameters
 
 
-def _fit_possible_bodies(
-    base: BaseParameters, links: LinkParameters, rows: Rows, estimate: BaseEstimate, prior: float
-) -> Array:
-    """Fit parameters (u,) of possible links and motors to the rows.
-
-    For each undetermined base parameter an additional row with a small deviation keeps the parameter near the
-    file's value.
-
-    Args:
-        base, links: the base parameters, and the parameters of single links and motors.
-        rows: whitened equations of the p parameters of bodies and motors.
-        estimate: least squares estimate of the base parameters from the same rows.
-        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
-    """
-    # deviations of the additional rows: far below the estimated ones and the sizes of the parameters, but not
-    # so small that their inverse squares swamp the other entries of the matrix
-    sizes = base.described.sizes[base.combinations.leading]  # (rank,)
-    small = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
-    is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
-    prior_rows = base.combinations.coefficients[is_unseen] / small[is_unseen, None]
-
-    # Normal equations (p, p), (p,) of all rows, about the file's values. Additional rows have the residual 0.
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows
-    misfit = rows.right - rows.matrix @ base.described.values
-    residual = rows.matrix.T @ misfit / estimate.noise**2
-    return fit_possible_parameters(base.robot, links, information, residual, prior)
-
-
-def torque_error(
-    robot: ParallelRobot,
-    regressor: ParameterRegressor,
-    measured: MeasuredMotion,
-    instants: BoolArray,
-    parameters: Array,
-) -> Array:
-    """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
-
-    The errors e of the measured torques tau solve G' e = W - G' tau, with the wrench W that the parameters
-    predict. Only those instants count at which G is well conditioned. If there are none, the result is NaN.
-
-    Args:
-        regressor: terms of the equations at the T instants of the motion `measured`.
-        instants: mask (T,) of the instants to be predicted.
-        parameters: (p,) values of the parameters of `TorqueParameters`.
-    """
-    G_transposed = regressor.motors  # (T, n, n_a)
-    scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    least = singular_values(scaled_G / robot.gear_ratio)[:, -1]  # (T,)
-    is_predicted = instants & (least > MIN_NOISE_RATIO * least.max())
-    if not is_predicted.any():
-        return np.full(robot.n_a, np.nan)
-    G_transposed = G_transposed[is_predicted]
-    torque = measured.torque[is_predicted]
-    wrench = regressor.matrix[is_predicted] @ parameters + regressor.constant[is_predicted]
-    missing_wrench = wrench - np.matvec(G_transposed, torque)
-    error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (predicted, n_a)
-    error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
-    return error_size / np.maximum(torque_size, np.finfo(float).tiny)
-
-
-# ------------------------------------------------------------------ bodies that can exist
-
-
-def fit_possible_parameters(
-    robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
-) -> Array:
-    """Compute the most probable physically possible parameters (u,) of links and motors.
-
-    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, where the matrix
-    T = `to_parameters` adds up links to bodies, and the deviation is prior * `links.prior_sizes`. Let theta =
-    best + change y, where `best` is the unconstrained minimum and `change` turns the quadratic form into
-    |y|^2. Then the shortest y with possible parameters is the solution.
-
-    Args:
-        information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
-        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
+def _free_parameters(
+    robot: ParallelRobot, base: BaseParameters, links: LinkParameters, only: Sequence[str]
+) -> IntArray:
+    """Return the indices (f,) of the parameters of links and motors that are asked for; all without names.
 
     Raises:
-        NotConverged: the solver does not converge.
+        InvalidInput: an unknown name.
     """
-    best, change = _minimise_misfit(links, information, residual, prior * links.prior_sizes)
-
-    # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
-    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
-    motors = links.motor_slice
-    deviations = prior * links.prior_sizes[motors]
-    not_negative = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
-    y = least_norm_semidefinite(cones, not_negative)
-    if isinstance(y, Unsolved):
-        raise NotConverged(
-            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
-            residual=float(np.linalg.norm(residual)),
+    names = link_parameter_names(robot, links)
+    if not only:
+        return np.arange(len(names))
+    parts = {name.rpartition(".")[0] for name in names}
+    chosen: set[int] = set()
+    for asked in only:
+        check_choice("parameter of --only", asked, [*GROUPS, *parts, *names])
+        if asked == "payload":
+            chosen.update(_payload(robot, base, links))
+            continue
+        ends = {"friction": (".friction", ".damping"), "rotor": (".rotor_inertia",)}.get(asked, ())
+        chosen.update(
+            k
+            for k, name in enumerate(names)
+            if name.endswith(ends) or asked in (name, name.rpartition(".")[0])
         )
+    return np.array(sorted(chosen), dtype=np.intp)
 
-    values = best + change @ y
-    values[motors] = np.maximum(values[motors], 0.0)  # against rounding
+
+def link_parameter_names(robot: ParallelRobot, links: LinkParameters) -> Names:
+    """Return the names (u,) of the parameters of links and motors."""
+    of_links = [f"{link}.{name}" for link in links.links for name in INERTIAL]
+    return (*of_links, *(f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS))
+
+
+def _payload(robot: ParallelRobot, base: BaseParameters, links: LinkParameters) -> list[int]:
+    """Return the indices of the parameters of the link that carries the platform's frame.
+
+    If this link has no mass, they are those of the links with mass that are fixed to it.
+    """
+    frame = robot.model.frames[frame_index(robot.model, robot.description.platform.frame)]
+    of_body = np.flatnonzero(base.described.bodies == frame.parentJoint)
+    first = 10 * of_body[0] if len(of_body) else 0
+    carried = [
+        k
+        for k, part in enumerate(links.link_slices)
+        if len(of_body) and links.to_parameters[first : first + 10, part].any()
+    ]
+    if not carried:
+        raise InvalidInput(
+            f"{robot.name}: the body of the platform's frame {frame.name} has no mass in the file; give it "
+            f"one near the payload's"
+        )
+    own = [k for k in carried if links.links[k] == frame.name]
+    return [k for link in own or carried for k in range(10 * link, 10 * link + 10)]
+
+
+# ------------------------------------------------------------------ fits and predictions
+
+
+def _compare(
+    robot: ParallelRobot,
+    base: BaseParameters,
+    links: LinkParameters,
+    rows: TorqueRows,
+    test: TorqueRows,
+    twin: Array,
+    fit: Estimate,
+    errors: Mapping[str, float],
+    only: Sequence[str],
+) -> tuple[Prediction, ...]:
+    """Predict the torques held out by the twin (rank,) and by simpler models; return the twin's first."""
+
+    def residuals(beta: Array) -> Array:
+        """Return measured minus predicted torques (T, n_a)."""
+        return test.torque - test.constant - test.matrix @ beta - fit.offset
+
+    models = {"twin": residuals(twin), "zero": test.torque, "file": residuals(base.values)}
+    # dry and viscous friction explain the torques, nothing else does
+    is_friction = [name.endswith((".friction", ".damping")) for name in base.parameters]
+    columns = base.combinations.coefficients[:, is_friction]
+    bare = rows._replace(constant=np.zeros_like(rows.constant))
+    friction = estimate(bare, columns, np.zeros(base.rank), errors=errors)
+    by_friction = columns @ friction.solve(base.described.sizes[is_friction])[0]
+    models["friction alone"] = test.torque - test.matrix @ by_friction - friction.offset
+    if tuple(only) != ("payload",):
+        with suppress(InvalidInput):  # the platform has no mass
+            free = np.array(_payload(robot, base, links))
+            by_links = base.combinations.coefficients @ links.to_parameters[:, free]
+            payload = estimate(rows, by_links, base.values, errors=errors)
+            possible = fit_possible_parameters(robot, links, free, payload.root, payload.right, 1.0)
+            change = by_links @ (possible.values - links.values)[free]
+            models["payload alone"] = residuals(base.values + change)
+    return _rank_models(models, test)
+
+
+def _rank_models(models: Mapping[str, Array], test: TorqueRows) -> tuple[Prediction, ...]:
+    """Compare residuals (T, n_a) by model with those of the first one.
+
+    A squared error is summed over the motors, each over its mean squared torque, and averaged over each
+    block of the recording. The differences of the blocks have a mean and its standard error, by which the
+    first model leads.
+    """
+    valid = test.valid
+    if not valid.any(axis=0).all():
+        nothing = np.full(valid.shape[1], np.nan)
+        return tuple(Prediction(name, nothing, 0.0) for name in models)
+    counts = valid.sum(axis=0)
+    sizes = np.sqrt(np.sum(test.torque**2 * valid, axis=0) / counts) + np.finfo(float).tiny  # (n_a,)
+    blocks = _blocks(test.times)
+    used = np.unique(blocks[valid.any(axis=1)])
+    scores = {}
+    errors = {}
+    for name, residual in models.items():
+        squares = (residual / sizes) ** 2 * valid  # (T, n_a)
+        errors[name] = np.sqrt(squares.sum(axis=0) / counts)
+        scores[name] = np.array([squares[blocks == k].sum() / valid[blocks == k].sum() for k in used])
+    first = next(iter(models))
+    predictions = []
+    for name in models:
+        lead = scores[name] - scores[first]
+        error = lead.std(ddof=1) / np.sqrt(len(lead)) if len(lead) > 1 else np.inf
+        is_first = name == first
+        predictions.append(
+            Prediction(name, errors[name], np.inf if is_first else float(lead.mean() / max(error, 1e-300)))
+        )
+    return tuple(predictions)
+
+
+# ------------------------------------------------------------------ in the words of engineers
+
+
+BODY_QUANTITIES = {
+    "mass": "kg",
+    **{f"centre_{axis}": "m" for axis in "xyz"},
+    **{f"inertia_{axes}": "kg m^2" for axes in ("xx", "xy", "yy", "xz", "yz", "zz")},
+}
+
+
+def _describe(
+    robot: ParallelRobot, links: LinkParameters, possible: PossibleParameters, free: IntArray, prior: float
+) -> tuple[IdentifiedQuantity, ...]:
+    """Return masses, centres, inertias about them, and motor parameters, with deviations.
+
+    The covariance C of the parameters of a link gives that of its quantities, J C J', with J by differences.
+    """
+    table: list[tuple[str, str]] = []  # names and units of the u quantities
+    table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
+    for joint, column in zip(robot.actuator_names, robot.actuated, strict=True):
+        units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
+        table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
+
+    is_free = np.isin(np.arange(len(table)), free)
+    allowed = prior * links.prior_sizes * is_free  # (u,) deviations
+    values = _body_quantities(links, possible.values)
+    steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
+    moved = [_body_quantities(links, possible.values + step) for step in np.diag(steps)]
+    J = (np.stack(moved, axis=1) - values[:, None]) / steps  # (u, u)
+    deviations = np.sqrt(np.vecdot(J @ possible.covariance, J))
+    by_prior = np.linalg.norm(J * allowed, axis=1)
+    in_file = _body_quantities(links, links.values)
+    return tuple(
+        IdentifiedQuantity(
+            *table[k], values[k], deviations[k], in_file[k], bool(deviations[k] < 0.5 * by_prior[k])
+        )
+        for k in np.flatnonzero(by_prior)
+    )
+
+
+def _body_quantities(links: LinkParameters, parameters: Array) -> Array:
+    """Return mass, centre and inertia about the centre (10,) of each link, then motor parameters, (u,)."""
+    quantities = parameters.copy()
     for part in links.link_slices:
-        if (values[part] != links.values[part]).any():
-            link = Element("link")
-            write_inertial(link, values[part])
-            values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return values
+        mass = parameters[part][0]
+        centre = parameters[part][1:4] / mass
+        about_centre = pseudo_inertia(parameters[part])[:3, :3] - mass * np.outer(centre, centre)
+        inertia = np.trace(about_centre) * np.eye(3) - about_centre
+        quantities[part] = [mass, *centre, *inertia[np.tril_indices(3)]]
+    return quantities
 
 
-def _minimise_misfit(
-    links: LinkParameters, information: Array, residual: Array, deviation: Array
-) -> tuple[Array, Array]:
-    """Minimise misfit plus prior without constraints; return minimum (u,) and `change` (u, u).
-
-    For any y, misfit plus prior at the parameters minimum + change y exceeds its least value by |y|^2. In
-    units of the prior deviations (u,), with T = `to_parameters`, the quadratic form has the matrix
-    T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
-
-    Args:
-        links: the parameters of links and motors, with T and the file's values.
-        information, residual: A'A (p, p) and A'r (p,) of rows A with unit noise.
-        deviation: (u,) prior standard deviations of the parameters.
-    """
-    T = links.to_parameters * deviation  # (p, u) in units of the prior deviations
-    w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
-    root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
-    change = deviation[:, None] * V / root
-    return links.values + change @ (V.T @ (T.T @ residual) / root), change
+# ------------------------------------------------------------------ mistaken columns
 
 
-def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+def _refuse_mistaken_columns(
+    robot: ParallelRobot,
+    base: BaseParameters,
+    data: Recording,
+    poses: str | None,
+    *,
+    max_instants: int = 100,
+    max_factor: float = 4.0,  # of the masses in the file
+    min_moving: float = 0.2,  # share of the equations at instants whose motors move
+) -> None:
+    """Raise InvalidInput if one change of a column brings the torques near what the file's bodies need."""
+    from scipy.optimize import lsq_linear  # slow to import
 
-    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
-    the `file_values` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
-    the size of rounding are allowed.
-    """
-    D = _balancing_scale(file_values)
-    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
-    offset = D @ pseudo_inertia(best) @ D
-    return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
+    # the file's bodies times a factor, and rotors, damping and friction, within what this robot can have
+    bodies = base.described.values.copy()
+    bodies[-3 * robot.n_a :] = 0.0
+    of_motors = np.eye(len(bodies))[:, -3 * robot.n_a :]
+    columns = base.combinations.coefficients @ np.column_stack([bodies, of_motors])  # (rank, 1 + 3 n_a)
+    known: dict[bytes, TorqueRows] = {}  # by the motion, which changes of the torques leave
+    is_motion = [not name.startswith("torque_") for name in data.names]
+    stride = max(1, len(data) // max_instants)
+    highest = np.append(max_factor, base.described.sizes[-3 * robot.n_a :])
 
+    def misfit(recording: Recording) -> float:
+        """Compute the squared misfit of the torques to this model, over the squared torques."""
+        moving = recording.values[:, is_motion].tobytes()
+        rows = known.get(moving)
+        if rows is None or robot.n_a > robot.n:
+            rows = torque_rows(robot, measured_motion(robot, recording, poses=poses, stride=stride), base)
+            known[moving] = rows
+        rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[::stride])
+        if rows.valid.mean() < min_moving:
+            raise InvalidInput("the motors hardly move")
+        sizes = np.sqrt(np.mean(rows.torque**2, axis=0))  # (n_a,)
+        matrix = (rows.matrix @ columns / sizes[:, None])[rows.valid]
+        right = ((rows.torque - rows.constant) / sizes)[rows.valid]
+        return float(2.0 * lsq_linear(matrix, right, bounds=(0.0, highest)).cost / (right @ right))
 
-def _balancing_scale(parameters: Array) -> Array:
-    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
-
-    P is the pseudo-inertia (4, 4) of a link's parameters (10,). Its diagonal holds three second moments and
-    the mass. Rounding in D P D is then relative to 1, whatever the units and the link.
-    """
-    diagonal = np.diag(pseudo_inertia(parameters))
-    largest = diagonal[:3].max()
-    if largest == 0.0:  # a point mass at the origin has no moments: they get the scale of the mass
-        largest = diagonal[3]
-    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
+    refuse_mistaken_columns(data, ("time", "motor_angle", "torque"), misfit)

@@ -1,48 +1,71 @@
-"""The motion of all joints from recorded samples: filter, differentiate, close the loops.
+"""The motion of all joints at all samples of a recording: smooth, differentiate, close the loops.
 
-Angles, platform and torques pass the same filter without delay: a Butterworth filter of order 4, applied
-forwards and backwards (scipy). Derivatives are those of splines of degree 5 through the filtered samples
-(scipy). The instants used are half a period of the cutoff frequency apart, so that their noise is nearly
-independent, and away from the ends of the recording. The signs of the motors' speeds, on which dry friction
-depends, pass the same filter as the torques, so that they correspond.
+Motor angles or platform coordinates are smoothed by least-squares splines of degree 5 with equal knot spacing
+h, which pass frequencies up to about 1 / 2h. Samples need no equal time steps, and none is lost at the ends.
+Generalised cross-validation minimises the estimated error of the curve, RSS / (N - 1.4 m)^2 for N samples and
+m coefficients (Gu, "Smoothing Spline ANOVA Models", 2013, section 3.2; the factor 1.4 prevents that
+quantisation, which is no white noise, counts as motion). Derivatives need more coefficients than the curve:
+with 1.6 m the error that smoothing makes is far below the noise, so that intervals hold. Torques are not
+filtered: the least squares of `identify` averages their noise.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
-from framework.identification.recording import Recording, uniform_period
-from framework.kinematics.continuation.forward_kinematics import follow_motors
+from framework.identification.recording import Recording
+from framework.kinematics.continuation.forward_kinematics import (
+    check_motors_are_free,
+    follow_motors,
+    motors_are_free,
+)
+from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.frames import full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
-from framework.tolerances import MAX_MOTOR_MISFIT
+from framework.tolerances import MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
 
 MIN_SAMPLES = 64  # of a recording
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """A recorded motion at instants whose noise is nearly independent."""
+    """The recorded motion at all T samples."""
 
     source: str  # of the poses: motors or platform
-    cutoff: float  # [Hz] of the filter
+    cutoff: float  # [Hz] highest frequency that smoothing passes
     times: Array  # (T,)
     motion: Motion
-    signs: Array  # (T, n_a) filtered signs of the motors' speeds
-    torque: Array  # (T, n_a) filtered, motor side
-    torque_noise: Array  # (n_a,) standard deviations of the noise that remains after filtering
+    noisier: Motion  # with simulated noise of rates and accelerations added
+    acceleration_noise: Array  # (T, n) deviations for motors or platform coordinates, as white noise
+    sign_known: BoolArray  # (T, n_a) whether the speed of a motor is above its noise
+    torque: Array  # (T, n_a) as recorded, motor side
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
+
+
+class SmoothedSamples(NamedTuple):
+    """Smoothed samples of k signals with two time derivatives."""
+
+    values: Array  # (3, T, k)
+    cutoff: float  # [Hz]
+    rate_error: Array  # (T, k) bounds of the first derivatives' errors
+    acceleration_noise: Array  # (T, k) deviation of the second derivatives, as white noise
+    example: Array  # (2, T, k) simulated noise of the first and second derivatives
+
+    def thin(self, stride: int) -> SmoothedSamples:
+        """Return every `stride`-th sample."""
+        arrays = {"values", "rate_error", "acceleration_noise", "example"}
+        return self._replace(**{name: getattr(self, name)[..., ::stride, :] for name in arrays})
 
 
 def measured_motion(
@@ -51,70 +74,66 @@ def measured_motion(
     *,
     cutoff: float | None = None,
     poses: str | None = None,
+    stride: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
-    """Compute the recorded motion of all joints, with filtered torques.
-
-    The noise of the filtered torques is estimated from the part that the filter removes. White noise fills
-    the band up to half the sampling rate, and the filter passes the share 2 cutoff period of this band.
+    """Compute the recorded motion of all joints, with the torques at its samples.
 
     Args:
-        cutoff: cutoff frequency of the filter [Hz]; by default the frequency above which the angles' spectra
-            are noise.
+        cutoff: highest frequency that smoothing passes [Hz]; by default from cross-validation.
         poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
             which works at Type 2 singularities too. The default is "motors", then "platform" if that fails.
+        stride: of the samples whose poses are computed; all are smoothed.
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: columns are missing, samples too few, time steps unequal, the cutoff out of range, or a
-            torque always zero; or the platform contradicts the motors.
+        InvalidInput: columns are missing, samples too few, the cutoff out of range, or a torque always zero;
+            or the platform contradicts the motors.
         NotAssembled: the loops do not close at some pose.
         Type2Singularity: the motors pass a Type 2 singularity.
     """
     require_square(robot)
-    period = uniform_period(data)
+    times = data.column("time")
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    joints = _read_motor_joints(robot, data)
-    torque = _read_torques(robot, data)
-
-    # filter angles and torques, and estimate the noise that remains
-    low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
-    instants = low_pass.choose_instants(len(data))
-    filtered_torque = low_pass.filter(torque)
-    passed_share = 2.0 * low_pass.cutoff * period  # of the power of white noise
-    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(passed_share)
-    filtered_joints = low_pass.differentiate(joints)  # (3, samples, n_a) with two derivatives
+    torque = _read_torques(robot, data)[::stride]
+    joints = smooth(times, _read_motor_joints(robot, data), cutoff).thin(stride)
 
     # close the loops, from the motors if possible, else from the platform
-    motor_joints = filtered_joints[:, instants]  # (3, T, n_a)
     source = "motors"
     misfit = 0.0
     motion = None
-    if poses != "platform":
-        may_fail = poses is None and data.has("platform", robot.axis_names)
-        motion = _try_motors(robot, motor_joints, progress, may_fail=may_fail)
+    smoothed = joints
+    has_platform = data.has("platform", robot.axis_names)
+    if poses == "motors" or (poses is None and (motors_are_free(robot) or not has_platform)):
+        try:
+            motion = _motion_of_motors(robot, joints.values, progress)
+        except NotAssembled:
+            if poses is not None or not has_platform:
+                raise
     if motion is None:
         source = "platform"
-        x = low_pass.differentiate(data.columns("platform", robot.axis_names))  # (3, samples, n)
-        motion = _motion_of_platform(robot, x[:, instants])
-        misfit = _motor_misfit(robot, data.source, motion, motor_joints[0], instants)
+        x = smooth(times, data.columns("platform", robot.axis_names), cutoff).thin(stride)
+        motion = _motion_of_platform(robot, x.values)
+        smoothed = x
+        misfit = _motor_misfit(robot, data, motion, joints.values[0])
     return MeasuredMotion(
         source=source,
-        cutoff=low_pass.cutoff,
-        times=data.column("time")[instants],
+        cutoff=joints.cutoff,
+        times=times[::stride],
         motion=motion,
-        signs=low_pass.filter(np.sign(filtered_joints[1]))[instants],  # of the rates, filtered like torques
-        torque=filtered_torque[instants],
-        torque_noise=torque_noise,
+        noisier=_add_noise(robot, motion, smoothed.example, of_motors=source == "motors"),
+        acceleration_noise=smoothed.acceleration_noise,
+        sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
+        torque=torque,
         motor_misfit=misfit,
     )
 
 
 def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the measured torques (samples, n_a) [N m, N].
+    """Return the measured torques (T, n_a) [N m, N].
 
     Raises:
         InvalidInput: a torque is zero at all samples.
@@ -129,7 +148,7 @@ def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
 
 
 def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the motors' joints (samples, n_a) [rad, m], on the joint side of the gears.
+    """Return the motors' joints (T, n_a) [rad, m], on the joint side of the gears.
 
     Whole turns are subtracted, so that each joint starts within half a turn of the reference.
     """
@@ -138,119 +157,97 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
-def _choose_cutoff(
-    data: Recording,
-    joints: Array,
-    period: float,
-    cutoff: float | None,
+# ------------------------------------------------------------------ smoothing
+
+
+def smooth(
+    times: Array,
+    samples: Array,
+    cutoff: float | None = None,
     *,
-    max_cutoff: float = 0.4,  # over the sampling rate; 0.5 is the Nyquist frequency
-    min_periods: int = 8,  # periods of the cutoff in a recording; one is left out at either end
-) -> float:
-    """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
+    min_coefficients: int = 8,
+    max_share: float = 0.3,  # of coefficients among the samples
+    growth: float = 1.25,  # of the number of coefficients, from one trial to the next
+    refinement: float = 1.6,  # coefficients for derivatives, over those for the curve
+    noise_runs: int = 8,  # simulated noise from which that of the derivatives is estimated
+) -> SmoothedSamples:
+    """Smooth samples (T, k) at increasing times (T,), and differentiate them twice.
 
-    The recording must last for `min_periods` of the cutoff, with 1 / `max_cutoff` samples in each of them.
-
-    Args:
-        data: the recording.
-        joints: (samples, n_a) positions of the motors' joints.
-        period: sampling period [s].
+    The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
+    cross-validation score, multiplied over the signals.
 
     Raises:
-        InvalidInput: the cutoff is outside the range that the recording allows.
+        InvalidInput: the cutoff is outside the range that the samples allow.
     """
-    lowest = min_periods / (len(data) * period)
-    highest = max_cutoff / period
+    duration = times[-1] - times[0]
+    most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
-        return float(np.clip(_signal_frequency(joints, period), lowest, highest))
-    if not lowest <= cutoff <= highest:
-        raise InvalidInput(f"cutoff: needs {lowest:.3g} to {highest:.3g} Hz for these data, got {cutoff:g}")
-    return cutoff
+        highest_count = most / refinement
+        steps = int(np.log(highest_count / min_coefficients) / np.log(growth))
+        trials = np.geomspace(min_coefficients, highest_count, 1 + steps)
+        scores = [_cross_validation(times, samples, int(count)) for count in trials]
+        count = int(refinement * trials[int(np.argmin(scores))])
+    else:
+        lowest, highest = 0.5 * min_coefficients / duration, 0.5 * most / duration
+        if not lowest <= cutoff <= highest:
+            raise InvalidInput(
+                f"cutoff: needs {lowest:.3g} to {highest:.3g} Hz for these data, got {cutoff:g}"
+            )
+        count = round(2.0 * cutoff * duration)
+
+    spline = _fit_spline(times, samples, count)
+    values = np.array([spline(times, order) for order in range(3)])
+    # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
+    squares = np.sum((samples - values[0]) ** 2, axis=0)
+    noise = np.sqrt(squares / (len(times) - count))  # (k,)
+    runs = max(noise_runs, samples.shape[1])
+    unit_noise = np.random.default_rng(0).standard_normal((len(times), runs))
+    noise_spline = _fit_spline(times, unit_noise, count)
+    unit_errors = np.array([noise_spline(times, order) for order in (1, 2)])  # (2, T, runs)
+    rate_spread, spread = noise * np.sqrt(np.mean(unit_errors**2, axis=2, keepdims=True))  # (T, k) each
+    coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
+    return SmoothedSamples(
+        values=values,
+        cutoff=0.5 * count / duration,
+        rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(times, 1)),
+        # white noise that tells as much as this one, correlated over a knot spacing, has so much more power
+        acceleration_noise=np.sqrt(len(times) / count) * spread,
+        example=noise * unit_errors[:, :, : samples.shape[1]],
+    )
 
 
-def _signal_frequency(
-    joints: Array,
-    period: float,
-    *,
-    signal_to_noise: float = 10.0,  # of a power spectrum; below this ratio a frequency counts as noise
-    smoothing_bins: int = 9,  # frequencies over which a power spectrum is averaged
-) -> float:
-    """Return the frequency [Hz] above which the spectra of all joints are noise.
+def _fit_spline(times: Array, samples: Array, count: int, *, degree: int = 5) -> Callable[..., Array]:
+    """Fit a spline of `count` coefficients to samples (T, k) by least squares.
 
-    The joints (samples, n_a) are sampled with a period [s]. The noise level of a joint is the median of the
-    upper half of its smoothed power spectrum. The straight line between the ends is subtracted from each
-    signal, and a window is applied, so that the ends of the recording add no high frequencies.
+    Knots are equally spaced in time or, where a gap would leave two knots without a sample, in samples.
     """
-    from scipy.ndimage import uniform_filter1d
+    from scipy.interpolate import make_lsq_spline
 
-    count = len(joints)
-    chord = np.linspace(joints[0], joints[-1], count)  # (samples, n_a)
-    window = np.hanning(count)[:, None]
-    raw_power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2  # (bins, n_a)
-    power = uniform_filter1d(raw_power, smoothing_bins, axis=0, mode="nearest")
-    noise = np.median(power[len(power) // 2 :], axis=0)
-    is_signal = power > signal_to_noise * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
-    precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
-    return precedes_noise.sum(axis=0).max() / (count * period)  # a bin is 1 / (count period) wide
+    knots = np.linspace(times[0], times[-1], count - degree + 1)
+    if not np.histogram(times, knots)[0].all():
+        samples_before = np.linspace(0, len(times) - 1, len(knots))
+        knots = np.interp(samples_before, np.arange(len(times)), times)
+    padded = np.concatenate([[times[0]] * degree, knots, [times[-1]] * degree])
+    spline: Callable[..., Array] = make_lsq_spline(times, samples, padded, k=degree)
+    return spline
 
 
-class _LowPass(NamedTuple):
-    """A low-pass filter without delay for uniform samples."""
-
-    period: float  # [s] of the samples
-    cutoff: float  # [Hz]
-
-    def filter(self, values: Array, *, order: int = 4) -> Array:
-        """Filter values (samples, k) forwards and backwards, which cancels the delay."""
-        from scipy.signal import butter, sosfiltfilt
-
-        sections = butter(order, self.cutoff, fs=1.0 / self.period, output="sos")
-        # three periods of the cutoff at either end, in which the filter settles
-        padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
-        return sosfiltfilt(sections, values, axis=0, padlen=padding)
-
-    def differentiate(self, values: Array, *, spline_degree: int = 5) -> Array:
-        """Return filtered values (samples, k) and two time derivatives, (3, samples, k)."""
-        from scipy.interpolate import make_interp_spline
-
-        times = self.period * np.arange(len(values))
-        spline = make_interp_spline(times, self.filter(values), k=spline_degree)
-        return np.array([spline(times, order) for order in range(3)])
-
-    def choose_instants(self, count: int) -> IntArray:
-        """Return indices (T,) of samples half a period of the cutoff apart, without the ends.
-
-        `count` is the number of samples.
-        """
-        samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff frequency
-        margin = math.ceil(samples_per_period)
-        stride = max(round(0.5 * samples_per_period), 1)
-        return np.arange(margin, count - margin, stride)
+def _cross_validation(times: Array, samples: Array, count: int, *, cost: float = 1.4) -> float:
+    """Compute the logarithm of the generalised cross-validation score, summed over the signals (T, k)."""
+    residual = samples - _fit_spline(times, samples, count)(times)
+    rounding = np.finfo(float).eps * np.abs(samples).max(axis=0) + np.finfo(float).tiny
+    rms = np.sqrt(np.mean(residual**2, axis=0)) + rounding
+    return float(np.sum(np.log(rms / (len(times) - cost * count))))
 
 
-def _try_motors(
-    robot: ParallelRobot, joints: Array, progress: Callable[[int], None], *, may_fail: bool
-) -> Motion | None:
-    """Compute the motion from the motors' joints (3, T, n_a); None if the motors do not determine poses.
-
-    Args:
-        joints: positions, rates and accelerations, on the joint side of the gears.
-        progress: called with the number of poses computed.
-        may_fail: whether to return None instead of raising the error.
-    """
-    try:
-        return _motion_of_motors(robot, joints, progress)
-    except NotAssembled:
-        if not may_fail:
-            raise
-        return None
+# ------------------------------------------------------------------ poses
 
 
 def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints from motor positions, rates and accelerations.
 
     `joints` (3, T, n_a) are on the joint side of the gears, and `progress` is called with the number of poses
-    computed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
+    followed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
     motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint
     acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
     """
@@ -266,23 +263,53 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     return freeze_deflections(robot, q, v, a)
 
 
-def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
+def _add_noise(robot: ParallelRobot, motion: Motion, noise: Array, *, of_motors: bool) -> Motion:
+    """Add noise (2, T, k) of rates and accelerations of the motors' joints, or the platform, to a motion."""
+    _, N = motor_speeds(robot, motion.linearised)  # (T, nv, n)
+    joints = N @ np.linalg.pinv(N[:, robot.actuated]) if of_motors else N  # (T, nv, k)
+    dv, da = np.matvec(joints, noise)
+    return replace(motion, v=motion.v + dv, a=motion.a + da)
+
+
+def _poses_of_motors(
+    robot: ParallelRobot,
+    q_a: Array,
+    progress: Callable[[int], None],
+    *,
+    largest_step: float = 0.05,  # [rad, robot lengths] of a motor between poses that are followed
+) -> Array:
     """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq).
 
+    Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
+    the pose before.
+
     Args:
-        progress: called with the number of poses computed.
+        progress: called with the number of poses followed.
 
     Raises:
         Type2Singularity: the motors reach a singularity before the last instant.
     """
-    q: list[Array] = []
+    check_motors_are_free(robot)
+    travel = np.abs(np.diff(q_a, axis=0, prepend=q_a[:1])) / robot.column_scale[robot.actuated]
+    cell = (travel.max(axis=1).cumsum() / largest_step).astype(int)  # (T,) samples of a cell share a guess
+    first = np.flatnonzero(np.diff(cell, prepend=-1))
+    followed: list[Array] = []
     try:
-        for pose in follow_motors(robot, q_a):
-            q.append(pose.q)
-            progress(len(q))
+        for pose in follow_motors(robot, q_a[first]):
+            followed.append(pose.q)
+            progress(len(followed))
     except Type2Singularity as end:
-        raise _type2_error(robot, end.q, end.platform, end.residual, len(q) / len(q_a)) from end
-    return np.array(q)
+        share = first[len(followed)] / len(q_a)
+        raise _type2_error(robot, end.q, end.platform, end.residual, share) from end
+    start = robot.reference.q
+    turn = full_motion(robot, robot.actuated, q_a - robot.actuated_coordinates(start[None]))
+    guess = np.array(followed)[np.searchsorted(first, np.arange(len(q_a)), side="right") - 1]
+    closed = close_at_motors(robot, start, turn, guess)
+    if not closed.closed.all():
+        k = int(np.argmin(closed.closed))
+        x = robot.platform.coordinates(closed.linearised.frames)[k]
+        raise _type2_error(robot, closed.q[k], x, float(closed.linearised.gap[k]), k / len(q_a))
+    return closed.q
 
 
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
@@ -326,26 +353,29 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     )
 
 
-def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
-    """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n)."""
+def _motion_of_platform(robot: ParallelRobot, platform: Array, *, stride: int = 16) -> Motion:
+    """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n).
+
+    Every `stride`-th pose is closed from the one before, and all others from these.
+    """
     x, dx, ddx = platform
-    q = np.empty((len(x), robot.model.nq))
     pose = assemble(robot, x[0]).q[None]  # (1, nq), a stack of one configuration
-    for k in range(len(x)):
+    coarse = []
+    for k in range(0, len(x), stride):
         pose = close_loops(robot, x[k : k + 1], pose).q  # from the previous pose
-        q[k] = pose[0]
+        coarse.append(pose[0])
+    q = close_loops(robot, x, np.repeat(coarse, stride, axis=0)[: len(x)]).q
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
-def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
+def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Array) -> float:
     """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
     The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths.
 
     Args:
+        data: the recording, for messages.
         motion: with poses from the measured platform.
-        source: name of the recording, for messages.
-        samples: (T,) indices of the instants in the recording.
 
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.
@@ -357,7 +387,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(
-            f"{source}: at sample {samples[k] + 1} motor_angle_{robot.actuator_names[motor]} "
+            f"{data.source}: {data.row(int(k))}: motor_angle_{robot.actuator_names[motor]} "
             f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "
             f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; look at zero, sign and gear "
             f"ratio, or at the assembly mode of the robot file"

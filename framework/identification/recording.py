@@ -7,7 +7,7 @@ for joints that have a sensor but no motor, in SI units and radians. Other colum
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, not_negative, positive
 from framework.numerics.input import csv_rows, read_text
-from framework.numerics.rotations import whole_turns
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
 
@@ -33,14 +32,23 @@ class Recording(ReadOnlyArrays):
     source: str  # named in error messages
     names: Names  # of the columns
     values: Array  # (T, columns)
+    lines: tuple[int, ...] = ()  # (T,) of the file, counted from 1 with the header; empty without a file
 
     def __len__(self) -> int:
         """Return the number of samples T."""
         return len(self.values)
 
+    def row(self, k: int) -> str:
+        """Name the sample with index k as a spreadsheet counts rows, or by its number."""
+        return f"line {self.lines[k]}" if self.lines else f"sample {k + 1}"
+
     def column(self, name: str) -> Array:
-        """Return one column (T,)."""
-        return self.values[:, self.names.index(name)]
+        """Return one column (T,).
+
+        Raises:
+            InvalidInput: the column is missing.
+        """
+        return self._select([name])[:, 0]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
         """Return the columns PREFIX_ENDING of k endings as an array (T, k).
@@ -48,7 +56,10 @@ class Recording(ReadOnlyArrays):
         Raises:
             InvalidInput: a column is missing.
         """
-        names = [f"{prefix}_{ending}" for ending in endings]
+        return self._select([f"{prefix}_{ending}" for ending in endings])
+
+    def _select(self, names: Sequence[str]) -> Array:
+        """Return the columns `names` (k,) as an array (T, k)."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
@@ -67,7 +78,8 @@ class Recording(ReadOnlyArrays):
 
     def rows(self, index: slice | IntArray) -> Recording:
         """Return the recording of the samples at an index or a slice."""
-        return Recording(self.source, self.names, self.values[index])
+        lines = tuple(np.array(self.lines)[index].tolist()) if self.lines else ()
+        return replace(self, values=self.values[index], lines=lines)
 
 
 def recording_columns(robot: ParallelRobot) -> Names:
@@ -90,11 +102,12 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
     Raises:
         InvalidInput: no such file; a row with too many or too few cells; a cell that is not a finite number;
-            a repeated column; no column of this robot; motor angles in degrees. Messages name row and column.
+            a repeated column; no column of this robot; time that does not advance. Messages name row and
+            column.
     """
     text = read_text(file, f"{file}", largest=largest_bytes)
-    lines = csv_rows(f"{file}", text)
-    header = [name.strip() for name in next(lines, (1, [""]))[1]]
+    text_rows = csv_rows(f"{file}", text)
+    header = [name.strip() for name in next(text_rows, (1, [""]))[1]]
     # the header must name columns of this robot, each once
     valid = recording_columns(robot)
     if not set(header) & set(valid):
@@ -108,11 +121,15 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
     # read the columns of this robot
     columns = [k for k, name in enumerate(header) if name in valid]
-    rows = [_read_row(f"{file}: line {line}", header, columns, cells) for line, cells in lines]
+    rows = []
+    lines = []
+    for line, cells in text_rows:
+        rows.append(_read_row(f"{file}: line {line}", header, columns, cells))
+        lines.append(line)
     if len(rows) < 2:
         raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
-    recording = Recording(str(file), tuple(header[k] for k in columns), np.array(rows))
-    check_recording(robot, recording)
+    recording = Recording(str(file), tuple(header[k] for k in columns), np.array(rows), tuple(lines))
+    check_recording(recording)
     return recording
 
 
@@ -142,75 +159,13 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
     return numbers
 
 
-def load_recording(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
-    """Check a recording, or read and check one if `data` is a file name.
-
-    Raises:
-        InvalidInput: the file cannot be read, time does not advance, or motor angles are in degrees.
-    """
-    if not isinstance(data, Recording):
-        return read_recording(robot, data)
-    check_recording(robot, data)
-    return data
-
-
-def check_recording(robot: ParallelRobot, recording: Recording) -> None:
-    """Raise InvalidInput if time does not advance, or if motor angles are in degrees."""
+def check_recording(recording: Recording) -> None:
+    """Raise InvalidInput if time does not advance."""
     if "time" in recording.names:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
-            raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
-
-    reference = robot.actuated_coordinates(robot.reference.q[None])[0]  # (n_a,)
-    is_measured = np.array([recording.has("motor_angle", [joint]) for joint in robot.actuator_names])
-    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])  # motors of hinges
-    joints = [robot.actuator_names[k] for k in turning]
-    angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    if len(turning) and _is_in_degrees(angles, reference[turning]):
-        raise InvalidInput(
-            f"{recording.source}: motor_angle_{joints[0]} is in degrees, judging by the robot's reference; "
-            f"radians are needed, on the motor side of the gear"
-        )
-
-
-def _is_in_degrees(angles: Array, reference: Array) -> bool:
-    """Return whether joint angles (T, k) fit the angles of the `reference` (k,) only as degrees.
-
-    This is so under three conditions: a first angle is more than half a turn away from the reference;
-    conversion to radians brings the first angles nearer than subtraction of whole turns does; and all
-    converted angles are within half a turn of the reference.
-    """
-    offset = angles[0] - reference
-    offset_without_turns = offset - whole_turns(offset)
-    distances_in_radians = np.abs(np.radians(angles) - reference)  # (T, k)
-    return bool(
-        np.abs(offset).max() > np.pi
-        and distances_in_radians[0].max() < np.abs(offset_without_turns).max()
-        and distances_in_radians.max() <= np.pi
-    )
-
-
-def uniform_period(
-    recording: Recording,
-    *,
-    period_jitter: float = 1e-3,  # largest deviation of a time step, over the sampling period
-) -> float:
-    """Return the sampling period [s].
-
-    Raises:
-        InvalidInput: no column time, or its steps differ by more than `period_jitter` allows.
-    """
-    if "time" not in recording.names:
-        raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")
-    steps = np.diff(recording.column("time"))
-    period = float(steps.mean())
-    worst = np.abs(steps - period).argmax()
-    if abs(steps[worst] - period) > period_jitter * period:
-        raise InvalidInput(
-            f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
-            f"{period:.6g} s on average; differentiation needs equal steps"
-        )
-    return period
+            where = recording.row(int(not_later[0]))
+            raise InvalidInput(f"{recording.source}: time does not advance after {where}")
 
 
 # ------------------------------------------------------------------ simulated sensors

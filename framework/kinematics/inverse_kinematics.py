@@ -46,8 +46,8 @@ from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
-# smaller steps are rounding and are not taken: of sums of a dozen terms, at angles that are 1e-15 apart
-ROUNDING_STEP = 3e-14
+ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
+SERIES_ROUNDING = 3e-14  # the same of steps from the value of a series, a sum of dozens of terms
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -80,15 +80,17 @@ def require_mobility(robot: ParallelRobot) -> None:
         )
 
 
-def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
+def close_loops(
+    robot: ParallelRobot, x: Array, guess: Array, *, rounding: float = ROUNDING_STEP
+) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from `guess` (T, nq) near the solution.
 
-    The elastic coordinates keep their values of the guess.
+    The elastic coordinates keep their values of the guess. Newton steps below `rounding` are not taken.
 
     Raises:
         NotAssembled: an instant does not close; carries its last iterate and residual.
     """
-    q, linearised, closed = close_each(robot, x, guess)
+    q, linearised, closed = close_each(robot, x, guess, rounding=rounding)
     if closed.all():
         return ClosedStack(q, x, linearised)
     gaps = np.abs(linearised.residual).max(axis=1)  # (T,)
@@ -118,6 +120,7 @@ def close_each(
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
     enough: float = NEWTON_STEP,
+    rounding: float = ROUNDING_STEP,
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
@@ -131,6 +134,7 @@ def close_each(
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
         enough: a step below it is the last one [rad, lengths of the robot].
+        rounding: a step below it is not taken [rad, lengths of the robot].
     """
     columns = robot.following if x is None else robot.moving  # of the joints that move
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
@@ -155,7 +159,7 @@ def close_each(
         step_size = np.abs(steps).max(axis=1, initial=0.0)
         is_near = step_size <= farthest
         live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
-        if step_size.max(initial=0.0) < ROUNDING_STEP:
+        if step_size.max(initial=0.0) < rounding:
             break
 
         # scale long steps down, then take all of them

@@ -255,10 +255,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
     model.armature[:] = joint_parameter("armature")
     # (nv,) on pinocchio's axes, which differ from those of the file on balls
-    limits = joint_limits(parsed.urdf, model)
-    # a joint that is not stated is at zero, or at the end of its range that is nearest to zero
-    in_range = {limit.joint: min(max(0.0, limit.lower), max(limit.lower, limit.upper)) for limit in limits}
-    reference = file_axes(model).T @ _joint_vector(model, in_range | dict(description.reference))
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)
     q_near = pin.integrate(model, pin.neutral(model), reference)
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
@@ -285,7 +282,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
-        limits=limits,
+        limits=joint_limits(parsed.urdf, model),
         q_near=q_near,
         length=reference_length(model, q_near, frames),
     )

@@ -110,6 +110,28 @@ class PointPath(ReadOnlyArrays):
         return f"{type(self).__name__}({', '.join(map(str, self.points.tolist()))})"
 
 
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """The part of a path from its start to the path parameter `share`."""
+
+    path: Path
+    share: float
+
+    @property
+    def n(self) -> int:
+        """The number of coordinates."""
+        return self.path.n
+
+    @property
+    def knots(self) -> Array:
+        """The knots of the path on this part, (k,)."""
+        return self.path.knots[self.path.knots < self.share] / self.share
+
+    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute x(s) or its derivative of an `order` in s of this part."""
+        return self.share**order * self.path(self.share * np.asarray(s, dtype=float), order)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Line(PointPath):
     """The straight segment from `start` to `end`, both (n,): x(s) = start + s (end - start)."""

@@ -147,16 +147,17 @@ class SpeedBasis(ReadOnlyArrays):
         """Return the sparse matrix (T, size) of all functions, or a derivative of an `order`, at xi (T,)."""
         from scipy import sparse
 
-        if not self.is_spline:
-            values = chebyshev.chebvander(xi, self.size - 1)
-            return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
-
-        xi = np.clip(xi, -1.0, 1.0)
-        intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
-        values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
-        # on an interval the SPLINE_DEGREE + 1 splines up to its index are not zero
-        columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
-        row_starts = np.arange(0, columns.size + 1, SPLINE_DEGREE + 1)
+        if self.is_spline:
+            xi = np.clip(xi, -1.0, 1.0)
+            intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
+            values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
+            # on an interval the SPLINE_DEGREE + 1 splines up to its index are not zero
+            columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
+        else:
+            values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
+            values = values @ derivative_matrix(self.size, order) if order else values
+            columns = np.broadcast_to(np.arange(self.size), values.shape)
+        row_starts = np.arange(0, columns.size + 1, columns.shape[1])
         return sparse.csr_array((values.ravel(), columns.ravel(), row_starts), shape=(len(xi), self.size))
 
     def series(self, y: Array) -> Array:

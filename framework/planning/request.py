@@ -98,12 +98,11 @@ class Request(PlanOptions):
         """The kind of law: polynomial, optimal or auto.
 
         Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
-        for the optimal law. So do limits without a duration, and limits together with times (a contradiction,
-        which is then refused).
+        for the optimal law. So do limits without a duration. Given times ask for the polynomial, which is
+        refused if it exceeds limits.
         """
         asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
-        limits_need_optimal = self.bounded and (self.duration is None or self.times is not None)
-        if asks_for_optimal or limits_need_optimal:
+        if asks_for_optimal or (self.bounded and self.duration is None):
             return "optimal"
         return "polynomial" if self.times is not None else self.law
 

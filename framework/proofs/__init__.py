@@ -8,7 +8,8 @@ lead down to the tools.
 answers    assembly_modes, working_modes; singular_paving; regular_ball (a ball without singular poses)
 systems    study_quadric: the conditions of the legs, as quadrics in displacements;
            homotopy: all solutions of these quadrics
-complete   leg_paving: a leg has no solutions besides the known ones
+complete   leg_solutions: all configurations leg by leg, those that show the same once;
+           leg_paving: a leg has no solutions besides the known ones
 bounds     derivative_bounds over equation_terms: equations and derivatives in boxes of joints
 existence  krawczyk: one solution in a box;
            passive_joints: one solution near given motors or a given platform pose

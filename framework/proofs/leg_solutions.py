@@ -257,6 +257,9 @@ def _is_leg_complete(
         if len(previous) or len(solutions) or (x is not None and not robot.platform.is_point):
             return False
         return are_leg_solutions_complete(robot, own, fixed, q, solutions, x)
+    if x is not None and robot.sliding[own].all():  # x is affine in slides
+        slopes = robot.platform.jacobian(frames_at(robot, configurations))[:, :, own]  # (C, n, k)
+        return len(solutions) == 1 and bool((np.linalg.matrix_rank(slopes) == len(own)).all())
     offsets = shortest_offset(robot, configurations) / robot.column_scale
     # configurations with the same placement of the previous legs need one proof
     return all(

@@ -255,7 +255,7 @@ def plot_still(
     ax.autoscale_view()
     if planar_normal(robot) is None:  # planar robots have axes instead
         draw_scale_bar(ax, robot.length)
-    legend_above(ax, columns=3, fontsize=6)
+    legend_above(ax, columns=2, fontsize=6)
     return ax
 
 

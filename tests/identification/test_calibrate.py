@@ -2,12 +2,13 @@
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotConverged, forward_kinematics
+from framework import InvalidInput, NotConverged, ParallelRobot, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
@@ -83,10 +84,10 @@ def test_loops_that_do_not_close_at_poses_held_out_are_refused():
     measured = select_measurements(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
     start = forward_kinematics_stack(geometry.model, measured.values[:, :2]).q
     values = np.zeros(len(geometry.names))
-    assert _prediction_error(geometry.model, measured, start, values).max() < 3 * TRACKER
+    assert _prediction_error(geometry, measured, start, values).max() < 3 * TRACKER
     values[geometry.names.index("right_rod_tip.x")] = 1.0
     with pytest.raises(NotConverged, match="loops do not close"):
-        _prediction_error(geometry.model, measured, start, values)
+        _prediction_error(geometry, measured, start, values)
 
 
 def test_an_error_of_one_rod_is_found_and_named():
@@ -151,8 +152,85 @@ def test_outliers_count_little_and_are_named():
     values[[4, 20, 41], 2] += 5e-3
     found = calibrate(nominal, Recording("poses", data.names, values))
     assert {4, 20, 41} <= set(found.outliers)
+    assert "sample 5" in found.outlier_rows
     x = [forward_kinematics(robot, [1.2, 1.0]).x for robot in (true, found.calibrated_robot())]
     np.testing.assert_allclose(x[0], x[1], rtol=0, atol=1e-4)
+
+
+RODS = (0.3, 0.32)  # [m] of the two sliders below
+
+
+def sliders_with_rods(folder: Path, lengths: tuple[float, float]) -> ParallelRobot:
+    """Two sliders on the x axis that carry a point in the plane by rods, `distance` closures."""
+    inertial = '<inertial><mass value="0.1"/>' + (
+        '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    slides = (("left", "base", "x"), ("right", "base", "x"), ("tx", "base", "x"), ("ty", "sx", "y"))
+    children = {"left": "a", "right": "b", "tx": "sx", "ty": "point"}
+    text = '<robot name="sliders"><link name="base"/>'
+    for name, parent, axis in slides:
+        link = children[name]
+        text += f'<link name="{link}">{inertial}</link><joint name="{name}" type="prismatic">'
+        text += f'<parent link="{parent}"/><child link="{link}"/><axis xyz="{" ".join(AXES[axis])}"/>'
+        text += '<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>'
+    (folder / "sliders.urdf").write_text(text + "</robot>")
+    closures = [
+        f"  - {{name: rod_{a}, frames: [{a}, point], kind: distance, length: {length}}}"
+        for a, length in zip("ab", lengths, strict=True)
+    ]
+    file = folder / f"sliders_{lengths[0]}.yaml"
+    lines = ["version: 1", "urdf: sliders.urdf", "platform: {frame: point, axes: [x, y]}", "actuators:"]
+    lines += ["  - {joint: left}", "  - {joint: right}", "closures:", *closures]
+    lines += ["reference: {left: -0.2, right: 0.2, tx: 0.0, ty: 0.23}"]
+    file.write_text("\n".join(lines) + "\n")
+    return ParallelRobot.from_file(file)
+
+
+AXES = {"x": "100", "y": "010"}
+
+
+def heights(lengths: tuple[float, float], noise: float) -> Recording:
+    """Positions of the point by the closed form, at random positions of the sliders; the noise in metres."""
+    random = np.random.default_rng(0)
+    left, right = random.uniform(0.1, 0.25, (2, 40)) * [[-1.0], [1.0]]
+    base = right - left  # law of cosines
+    along = (lengths[0] ** 2 - lengths[1] ** 2 + base**2) / (2.0 * base)
+    x, y = left + along, np.sqrt(lengths[0] ** 2 - along**2)
+    rows = np.column_stack([left, right, x, y])
+    rows[:, 2:] += noise * random.standard_normal((40, 2))
+    names = ("motor_angle_left", "motor_angle_right", "platform_x", "platform_y")
+    return Recording("poses", names, rows)
+
+
+@pytest.mark.parametrize("columns", [("motor_angle", "platform"), ("motor_angle", "platform_y")])
+def test_lengths_of_distance_closures_are_calibrated(columns, tmp_path):
+    true = (RODS[0] + 2e-3, RODS[1] - 1.5e-3)
+    nominal = sliders_with_rods(tmp_path, RODS)
+    found = calibrate(nominal, only(heights(true, 1e-5), *columns), joints=["rod_a", "rod_b"])
+    assert found.geometry.names == ("rod_a.length", "rod_b.length")
+    np.testing.assert_allclose(
+        found.values, np.subtract(true, RODS), rtol=0, atol=4.0 * found.deviations.max()
+    )
+    assert found.deviations.max() < 1e-4
+    written = ParallelRobot.from_file(found.write(tmp_path / "new"))
+    lengths = [closure.length for closure in written.description.closures]
+    np.testing.assert_allclose(lengths, np.add(RODS, found.values), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "option"),
+    [
+        (lambda v: v * [1, 1, 1e3, 1e3], "--unit platform=mm"),
+        (lambda v: v[:, [0, 1, 3, 2]], "--swap platform_x=platform_y"),
+        (lambda v: v * [1, 1, -1, 1], "--sign platform_x=-1"),
+        (lambda v: v * [1e3, 1e3, 1, 1], "--unit motor_angle=mm"),
+    ],
+)
+def test_a_mistaken_column_is_named(change, option, tmp_path):
+    data = heights(RODS, 1e-5)
+    mistaken = Recording("poses", data.names, change(data.values))
+    with pytest.raises(InvalidInput, match=option):
+        calibrate(sliders_with_rods(tmp_path, RODS), mistaken)
 
 
 def test_a_robot_that_is_another_one_is_refused():

@@ -9,8 +9,8 @@ import pytest
 import robots
 from framework import InvalidInput, plan_scene, simulate
 from framework.cli import main
-from framework.identification import Recording, Sensors, read_recording, record_sensors
-from framework.identification.recording import check_recording
+from framework.identification import Sensors, read_recording, record_sensors
+from framework.identification.conversions import Conversions
 
 ROBOT = robots.load("five_bar")
 HEADER = "time,motor_angle_left_motor,motor_angle_right_motor,torque_left_motor,torque_right_motor,note"
@@ -57,10 +57,9 @@ def test_motion_csv_is_a_recording(tmp_path):
         ([HEADER, ROWS[0], "0.1,63.6,54.3,nan,0.2,7"], "line 3: torque_left_motor needs a finite number"),
         ([HEADER, ROWS[0], "0.1,63.6"], "line 3: 2 cells for 6 columns"),
         ([HEADER, ROWS[0]], "1 rows of numbers"),
-        ([HEADER, ROWS[1], ROWS[0]], "time does not advance after sample 1"),
+        ([HEADER, ROWS[1], ROWS[0]], "time does not advance after line 2"),
         (["a,b", "1,2"], "no column of five_bar"),
         (["time,time", "1,2"], "column time is there 2 times"),
-        ([HEADER, "0,3643.0,3104.0,0,0,0", "1,3643.0,3104.0,0,0,0"], "motor_angle_left_motor is in degrees"),
         ([""], "no column of five_bar"),
     ],
 )
@@ -70,17 +69,26 @@ def test_what_is_wrong_with_data_is_said(tmp_path, lines, message):
     assert message in str(said.value)
 
 
-@pytest.mark.parametrize("turns", [0, 1, 5, -2])
-def test_a_crank_may_turn_over_and_begin_at_any_turn(turns):
-    four_bar = robots.load("four_bar")
-    start = four_bar.actuated_coordinates(four_bar.reference.q[None])[0, 0]
-    crank = start + 2 * np.pi * turns + np.linspace(0.0, 2 * np.pi, 40)
-    name = f"motor_angle_{four_bar.actuator_names[0]}"
-    values = four_bar.gear_ratio[0] * crank[:, None]
-    check_recording(four_bar, Recording("turning", (name,), values))
-    degrees = np.degrees(four_bar.gear_ratio[0] * (start + np.linspace(0.1, 2.0, 40)))[:, None]
-    with pytest.raises(InvalidInput, match="in degrees"):
-        check_recording(four_bar, Recording("degrees", (name,), degrees))
+def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(tmp_path):
+    data = read_recording(ROBOT, written(tmp_path, [HEADER, ROWS[0], "", *ROWS[1:]]))
+    assert [data.row(k) for k in range(3)] == ["line 2", "line 4", "line 5"]
+    assert data.rows(slice(1, None)).row(0) == "line 4"
+    declared = Conversions(
+        units={"motor_angle_left_motor": "deg", "time": "ms"},
+        signs={"torque": -1},
+        swaps={"torque_left_motor": "torque_right_motor"},
+    )
+    converted = declared.convert(data)
+    np.testing.assert_allclose(converted.column("time"), [0.0, 1e-4, 2e-4])
+    np.testing.assert_allclose(converted.column("motor_angle_left_motor"), np.radians([63.5, 63.6, 63.7]))
+    np.testing.assert_array_equal(converted.column("torque_left_motor"), [-0.2] * 3)
+    for wrong, message in (
+        (Conversions(units={"torque": "deg"}), "unknown unit of torque 'deg'"),
+        (Conversions(signs={"torque": 2.0}), "needs 1 or -1"),
+        (Conversions(units={"angle": "deg"}), "unknown column of --unit 'angle'"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            wrong.convert(data)
 
 
 def test_sensors_record_what_was_simulated():

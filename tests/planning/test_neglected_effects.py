@@ -178,7 +178,7 @@ def test_what_nothing_holds_is_over_the_smallest_gear(monkeypatch):
     robot = SimpleNamespace(
         gear_ratio=np.array([50.0, -2.0, 10.0]),
         structure=SimpleNamespace(idle=np.array([4])),
-        coordinates=SimpleNamespace(name_of=lambda column: f"joint {column}"),
+        coordinates=SimpleNamespace(turn_name=lambda column: f"joint {column}"),
     )
     dynamics = SimpleNamespace(robot=robot, certificate=SimpleNamespace(max_held_torque=6.0))
     (effect,) = neglected_effects._idle_turn_effects(dynamics, np.full(3, 30.0))

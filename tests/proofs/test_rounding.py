@@ -464,7 +464,7 @@ def platforms_stay_in_their_boxes():
         q = integrate_columns(robot, robot.neutral[None], bounds.unknowns, radii * corner)
         change = robot.platform.coordinates(frames_at(robot, q)) - robot.platform.coordinates(at.frames)
         assert (np.abs(change) <= bound).all()
-    test = SingularBoxTest(bounds, singular_paving.singular_sets(robot)[0], None, 1e-3)
+    test = SingularBoxTest(bounds, None, singular_paving.singular_sets(robot)[0], None, 1e-3)
     at = bounds.evaluate(robot.reference.q[None])
     loops = LinearEnclosure(at.values[:, 2:], at.slopes[:, 2:], np.full((1, 2), bounds.rounding))
     point = test._singular_equations(at, loops, 0 * radii, 1e-3 * radii)  # a box of no size
@@ -570,7 +570,7 @@ MUTATIONS = {
     ],
     frames_are_bounded_at_a_point: [
         (remainders, "value_errors += rounding * (1 + radii", "value_errors += rounding * (radii"),
-        (remainders, "slopes=ROUND_UP * slope_errors + rounding", "slopes=ROUND_UP * slope_errors"),
+        (remainders, " + rounding,", ","),
     ],
     measures_are_enclosed: [
         (measure, "slope_changes += _bilinear_form(psi_size, dP_size, eta_error)", "pass"),

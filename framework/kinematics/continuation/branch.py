@@ -19,12 +19,12 @@ from framework.errors import NotAssembled
 from framework.kinematics.continuation.path_sheet import SHEET_NODES, BranchPoses
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, difference_rates, integrate, largest_motion
-from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.inverse_kinematics import SERIES_ROUNDING, close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, freeze
 from framework.numerics.chebyshev import TimeFunction, coefficients, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
@@ -83,6 +83,7 @@ class Branch(ReadOnlyArrays):
     ) -> Branch:
         """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
         origin = (*panels, *steps)[0].q[0]
+        freeze(tuple(panels))
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
         for start, end in pairwise(steps):
             cubic = np.zeros((SHEET_NODES, robot.nv))
@@ -136,7 +137,7 @@ class Branch(ReadOnlyArrays):
         x, guess = self.path(s), self.guess(s)
         in_core = self.is_continued(s)
         if not in_core.any():
-            return close_loops(self.robot, x, guess)
+            return close_loops(self.robot, x, guess, rounding=SERIES_ROUNDING)
         q = guess.copy()
         if not in_core.all():
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q

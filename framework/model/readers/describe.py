@@ -113,8 +113,9 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     tree.closures += [_closure_in_words(tree, words) for words in options.closures]
     _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
-        unread_effects(tree)  # raises a more precise error if a decisive element is unread
-        raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
+        # raises a more precise error if a decisive element is unread
+        unread = "".join(f"; not read: {effect}" for effect in unread_effects(tree)[:2])
+        raise RobotFileError(f"there is no loop in it: a parallel robot needs at least one closure{unread}")
     _check_closures(tree.closures)
 
     # lock joints; then only loops in which a joint still moves count
@@ -205,7 +206,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
     if missing:
         package, _, _ = missing[0].removeprefix(PACKAGE).partition("/")
         hint = f"; --package {package}=FOLDER says where" if missing[0].startswith(PACKAGE) else ""
-        tree.remarks.append(f"{len(missing)} meshes are not found, such as {missing[0]}, and not drawn{hint}")
+        tree.remarks.append(f"meshes not found, and not drawn: {len(missing)}, such as {missing[0]}{hint}")
 
 
 def _is_moving(tree: UrdfTree, closure: Closure) -> bool:

@@ -316,7 +316,7 @@ class _Model:
             problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
             self.leave_out(f"{where}: polycoef {coefficients} {problem}", all_arms, is_decisive=True)
         elif (arms or offset) and not tree.equate(name, arms, offset, (children[0], children[-1])):
-            problem = f"couples {', '.join(arms) or 'no joint'}: only couplings of two joints are read"
+            problem = f"couples {', '.join(arms) or 'no joint'}: only hinges and slides are coupled"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
 
     # -------------------------------------------------------------- forces
@@ -365,6 +365,8 @@ class _Model:
         dynamics = member_name("mjtDyn", model.actuator_dyntype[k])
         if gain not in _MOTOR_GAINS or dynamics not in _MOTOR_DYNAMICS:
             self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
+        elif arms is None and transmission == "mjTRN_TENDON":
+            self.leave_out(f"{where}: pulls by a spatial tendon, as cable robots do", acts_on)
         elif not arms or not gear:
             self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
         else:

@@ -42,6 +42,7 @@ from framework.model.readers.sdf_scope import (
     WORLD,
     Scope,
     add_models,
+    drop_detached,
     end_name,
     read_placement,
     scoped_name,
@@ -130,6 +131,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
         add_models(scope, parent, file.parent, "", WORLD)
+    drop_detached(scope)
     missing = f"{', '.join(scope.unread)}: not read, as there is no such file; put the model's folder beside"
     try:
         joints = _joints_of_main_part(scope)

@@ -100,6 +100,17 @@ def end_name(joint: Element, end: str) -> str:
 # ------------------------------------------------------------------ models
 
 
+def drop_detached(scope: Scope) -> None:
+    """Drop the joints of plugins whose links are not in the file, such as an object to be grasped."""
+    for name, joint in list(scope.joints.items()):
+        if joint.get("optional"):
+            try:
+                for end in ("parent", "child"):
+                    scope.link_of(end_name(joint, end))
+            except RobotFileError:
+                del scope.joints[name]
+
+
 def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the models in an element, and the models in files that the element includes.
 
@@ -247,7 +258,7 @@ def _detachable_joint(plugin: Element, model: Element, name: str) -> Element:
     for tag, value in parts.items():
         if not value:
             raise RobotFileError(f"{where}: <{tag}> is missing")
-    joint = Element("joint", name=name, type="fixed")
+    joint = Element("joint", name=name, type="fixed", optional="true")  # the model may be spawned later
     SubElement(joint, "parent").text = parts["parent_link"]
     is_own = parts["child_model"] == model.get("name")
     child = parts["child_link"] if is_own else f"{parts['child_model']}::{parts['child_link']}"

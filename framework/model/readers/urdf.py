@@ -37,8 +37,9 @@ Also read are
   has a second pair, `closing_NAME_1_z`);
 - loop_closures.yaml beside the URDF, with the hinges that sw2robot, a CAD exporter for ROS 2, has cut.
 
-Motors are the joints with a transmission or a command interface of ros2_control. Without these, joints marked
-`independent` are likely motors. The file says nothing about the platform.
+Motors are the joints with a transmission or a command interface of ros2_control, with the gear of the
+transmission. The two motors of a differential or a four-bar linkage become massless rotors that follow both
+joints. Without motors, joints marked `independent` are likely ones. The file says nothing about the platform.
 
 In the functions `where` names the element in messages.
 """
@@ -70,7 +71,14 @@ from framework.model.documents import (
 from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import close_joint
-from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE_TEXTS, WORLD, Scope, add_content
+from framework.model.readers.sdf_scope import (
+    BALL_CONSTRAINT,
+    TRUE_TEXTS,
+    WORLD,
+    Scope,
+    add_content,
+    drop_detached,
+)
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
@@ -195,7 +203,7 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     # the sum of angles of the driven joints is the ratio times that of the drivers
     drivers, driven = tree.moving_chains(first, second)
     arms = {joint.name: 1.0 for joint in driven} | {joint.name: -ratio for joint in drivers}
-    if not tree.equate(name, arms, 0.0, (second, first)):
+    if not tree.equate(name, arms, 0.0, (second, first), by_chain=False):
         listed = ", ".join(joint.name for joint in (*drivers, *driven))
         raise RobotFileError(
             f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
@@ -242,7 +250,9 @@ def read_urdf(
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
-    tree.likely_motors = [*independent, *beside_independent]
+    of_plugins = [element.text or "" for element in root.iter("joint_name")]  # of Gazebo's controllers
+    named_by_plugins = [name for name in dict.fromkeys(of_plugins) if name in tree.movable]
+    tree.likely_motors = [*independent, *beside_independent] or named_by_plugins
 
     dialect = ""
     for element in tree.extra:
@@ -253,7 +263,9 @@ def read_urdf(
     _close_joints_of_other_programs(tree)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    if not (tree.closures or options.closures) and root.find("joint/mimic") is None:
+    tree.add_two_joint_transmissions()
+    is_closed = tree.closures or tree.couplings or options.closures
+    if not is_closed and root.find("joint/mimic") is None:
         # such as a linkage behind a transmission
         unread = "".join(f"{remark.partition(': motors')[0]}; " for remark in tree.remarks)
         raise RobotFileError(
@@ -296,10 +308,12 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     for link in tree.links:
         scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
-    model = Element("model")
+    model = Element("model", name=tree.root.get("name", ""))
     model.extend(tree.root.findall("gazebo/joint[child]"))
+    model.extend(tree.root.findall("gazebo/plugin[child_link]"))
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
+    drop_detached(scope)
     for name in scope.joints:
         close_joint(scope, tree, name)
 

@@ -6,19 +6,20 @@ both into records.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from framework.errors import RobotFileError, choose_from, nearest
+from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
-from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
+from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint, free_name
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     INERTIA_ENTRIES,
@@ -37,10 +38,11 @@ from framework.tolerances import FILE_ROUNDING, INERTIA_ROUNDING
 
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
-# what motors turn by in transmissions of two joints, with the reductions n
-_LAWS_OF_TRANSMISSIONS = {
-    "DifferentialTransmission": "; the file's turn by n_a1 (n_j1 q1 + n_j2 q2) and n_a2 (n_j1 q1 - n_j2 q2)",
-    "FourBarLinkageTransmission": "; the file's turn by n_a1 n_j1 q1 and n_a2 (q1 + n_j2 q2)",
+# By how much both motors of a transmission turn, before their own gears, by a unit turn of either joint, for
+# the reductions n1 and n2 of the joints (transmission_interface of ros_control and ros2_control)
+_TURNS_OF_MOTORS: dict[str, Callable[[float, float], tuple[tuple[float, float], tuple[float, float]]]] = {
+    "DifferentialTransmission": lambda n1, n2: ((n1, n2), (n1, -n2)),
+    "FourBarLinkageTransmission": lambda n1, n2: ((n1, 0.0), (1.0, n2)),
 }
 # top-level elements that belong to every URDF; children that are read, of some of them
 _URDF_TAGS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
@@ -60,6 +62,15 @@ class UnreadElement(NamedTuple):
     what: str  # for messages: element, name, effect and its size
     acts_on: Names  # joints and links
     is_decisive: bool = False
+
+
+class TwoJointTransmission(NamedTuple):
+    """Two motors that move two joints together, as a differential does."""
+
+    name: str
+    kind: str  # one of _TURNS_OF_MOTORS
+    joints: Mapping[str, float]  # reductions by name, in the order of the roles, as of the motors
+    motors: Mapping[str, float]
 
 
 class Transmission(NamedTuple):
@@ -133,14 +144,22 @@ def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
     return elements
 
 
-def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]]:
-    """Yield the reductions [motor / joint] in a transmission, each with the name of its joint or actuator."""
-    for part in (transmission, *transmission.findall("joint"), *transmission.findall("actuator")):
+def _read_reductions(parts: Iterable[Element], where: str) -> dict[str, float]:
+    """Return the reduction [motor / joint] that each part of a transmission states, else 1, by name.
+
+    Parts are in the order of their roles. A part that states several reductions has their product.
+    """
+    reductions: dict[str, float] = {}
+    for part in sorted(parts, key=lambda part: part.get("role", "")):
+        name = part.get("name", "")
+        factor = reductions.setdefault(name, 1.0)
         for tag in ("mechanicalReduction", "mechanical_reduction"):
-            for text in part.findall(tag):
-                label = f"{where}: <{tag}>"
-                (reduction,) = parse_numbers(label, text.text, 1)
-                yield part.get("name", ""), reduction
+            for element in part.findall(tag):
+                factor *= parse_numbers(f"{where}: <{tag}>", element.text, 1)[0]
+        if not factor:
+            raise RobotFileError(f"{where}: the reduction of {name} is zero")
+        reductions[name] = factor
+    return reductions
 
 
 def _select_tree(root: Element, base: str | None) -> None:
@@ -267,8 +286,9 @@ class UrdfTree(Tree):
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
+        self.two_joint_transmissions: list[TwoJointTransmission] = []
         for transmission in root.iter("transmission"):
-            self._read_gears(transmission)
+            self._read_transmission(transmission)
 
         # links and joints, which `Tree` stores; impossible inertias and limits are removed from `root`
         impossible: Complaints = []
@@ -287,6 +307,7 @@ class UrdfTree(Tree):
         if freedoms > MAX_FREEDOMS:
             raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
+        self.virtual: set[str] = set()  # joints of massless chains, which no motor drives
         self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
 
@@ -305,6 +326,11 @@ class UrdfTree(Tree):
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
         return list(dict.fromkeys([*super().frames, *self._added]))
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the joints with one degree of freedom that a motor can drive."""
+        return [name for name in super().movable if name not in self.virtual]
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
@@ -375,37 +401,62 @@ class UrdfTree(Tree):
         """Add a motor to a joint, with the gear that the URDF states."""
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}, self.gears.get(joint, 1.0)))
 
-    def _read_gears(self, transmission: Element) -> None:
-        """Read the gear of a motor on one joint; remark on transmissions of several joints.
+    def _read_transmission(self, transmission: Element) -> None:
+        """Read the gear of a motor on one joint, or of two motors on two joints; remark on all others.
 
-        The reduction [motor / joint] stands at the actuator (ROS 1), at the joint (ros2_control), or beside
-        both (older files). It is a product where several do.
+        The reduction stands at the actuator (ROS 1), at the joint (ros2_control), or beside both (older
+        files). It is a product where several do.
         """
         name = transmission.get("name", "")
         where = f"transmission {name!r}"
-        kind = (
-            transmission.findtext("type") or transmission.findtext("plugin") or transmission.get("type") or ""
-        )
-        kind = kind.strip().rpartition("/")[2]
-        joints = [joint.get("name", "") for joint in transmission.findall("joint")]
-        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
-            # the motors of these are on no single joint
-            reductions = ", ".join(f"{part} {gear:g}" for part, gear in _reductions(transmission, where))
+        kinds = transmission.findtext("type"), transmission.findtext("plugin"), transmission.get("type")
+        kind = next(filter(None, kinds), "").strip().rpartition("/")[2]
+        (common,) = _read_reductions([transmission], where).values()
+        joints = _read_reductions(transmission.findall("joint"), where)
+        motors = _read_reductions(transmission.findall("actuator"), where)
+        offsets = [parse_numbers(f"{where}: <offset>", part.text, 1) for part in transmission.iter("offset")]
+        if np.any(offsets):
             self.remarks.append(
-                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
-                f"{f' ({reductions})' if reductions else ''}: motors are taken to be at these joints, with "
-                f"no gears{_LAWS_OF_TRANSMISSIONS.get(kind, '')}"
+                f"{where}: its offset is not read: motor angles are zero where the joints are"
             )
-            return
-        for part, reduction in _reductions(transmission, where):
-            if not reduction:
-                raise RobotFileError(f"{where}: the reduction of {part} is zero")
+        if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(motors) and all([*joints, *motors]):
+            gears = {motor: common * reduction for motor, reduction in motors.items()}
+            self.two_joint_transmissions.append(TwoJointTransmission(name, kind, joints, gears))
+        elif len(joints) > 1 or kind not in ("", "SimpleTransmission"):
+            self.remarks.append(
+                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
+                f"to be at these joints, without gears"
+            )
+        else:
+            for joint, reduction in joints.items():
+                gear = common * reduction * math.prod(motors.values())
+                self.gears[joint] = self.gears.get(joint, 1.0) * gear
+                if self.gears[joint] < 0.0:
+                    self.remarks.append(
+                        f"{where}: the motor of {joint} turns against its joint; its sign is left out"
+                    )
+
+    def add_two_joint_transmissions(self) -> None:
+        """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
+
+        Raises:
+            RobotFileError: a transmission names a joint that is not one of the movable ones.
+        """
+        for name, kind, joints, motors in self.two_joint_transmissions:
             for joint in joints:
-                self.gears[joint] = self.gears.get(joint, 1.0) * reduction
-        if negative := [joint for joint in joints if self.gears.get(joint, 1.0) < 0.0]:
-            self.remarks.append(
-                f"{where}: the motor of {negative[0]} turns against its joint; its sign is left out"
-            )
+                check_name(f"transmission {name!r}: {kind}", "movable joint", joint, self.movable)
+            self.motors = [motor for motor in self.motors if motor not in joints]
+            turns = _TURNS_OF_MOTORS[kind](*joints.values())
+            carried = self.joints[list(joints)[-1]].child
+            for (motor, gear), arms in zip(motors.items(), turns, strict=True):
+                rotor = free_name(f"{motor}_rotor", self._taken)
+                hinge = free_name(motor, self._taken)
+                turn = NewJoint(hinge, "continuous", np.eye(4), unit_vector("z"))
+                self._add_chain(self.base, [turn], rotor)
+                # gear ratios have no sign, so that the rotor has it
+                terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
+                self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
+                self.transmissions.append(Transmission(f"motor {hinge!r}", {hinge: 1.0}, abs(gear)))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
@@ -495,26 +546,47 @@ class UrdfTree(Tree):
         position = list(self.root).index(joint.element)
         self.root[position : position + 1] = elements
         del self.joints[joint.name]
+        self._add_to_tree(elements)
+
+    def _add_chain(self, parent: str, motions: Sequence[NewJoint], last: str) -> None:
+        """Add massless joints in series on a link, and the new link `last` behind them."""
+        joints = chain_elements(parent, motions, last, np.eye(4), self._taken)
+        elements = [Element("link", name=last), *joints]
+        self.root.extend(elements)
+        self._add_to_tree(elements)
+
+    def _add_to_tree(self, elements: Iterable[Element]) -> None:
+        """Add links and joints that are in the XML to the tree, links before the joints that move them."""
         for element in elements:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
-                hinge = read_joint(element, set(self.links))
-                self._taken.add(hinge.name)
-                self.joints[hinge.name] = hinge
-                self.parent_joint[hinge.child] = hinge
+                joint = read_joint(element, set(self.links))
+                self._taken.add(joint.name)
+                self.joints[joint.name] = joint
+                self.parent_joint[joint.child] = joint
 
-    def equate(self, name: str, arms: Mapping[str, float], offset: float, links: tuple[str, str]) -> bool:
+    def equate(
+        self,
+        name: str,
+        arms: Mapping[str, float],
+        offset: float,
+        links: tuple[str, str],
+        *,
+        by_chain: bool = True,
+    ) -> bool:
         """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
-        other equation of one joint fixes the joint, and one of two joints becomes a coupling.
+        other equation of one joint fixes the joint, one of two joints becomes a coupling, and one of more
+        becomes couplings of a massless chain.
 
         Args:
             name: of the equation.
             arms: factor of each joint's coordinate; zeros have no effect.
             offset: [rad or m].
             links: the two links that may turn equally.
+            by_chain: whether an equation of more than two joints is possible.
         """
         arms = {joint: arm for joint, arm in arms.items() if arm}
         only_first, only_second = self.moving_chains(*links)
@@ -524,14 +596,44 @@ class UrdfTree(Tree):
         if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
-        if len(arms) not in (1, 2) or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
+        is_too_long = len(arms) > 2 and not by_chain
+        if not arms or is_too_long or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
             return False
         (joint, arm), *leaders = arms.items()
+        if len(leaders) > 1:
+            ratios = {leader: -leader_arm / arm for leader, leader_arm in leaders}
+            self._follow_by_chain(name, self.joints[joint], ratios, offset / arm)
+            return True
         if not leaders:
             self.fix(self.joints[joint], offset / arm)
         for leader, leader_arm in leaders:
             self.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
         return True
+
+    def _follow_by_chain(
+        self, name: str, follower: Joint, ratios: Mapping[str, float], offset: float
+    ) -> None:
+        """Make a joint follow several: q = sum(ratio q_leader) + offset.
+
+        A chain of massless joints stands beside the follower, about or along the same axis. Each of them is
+        coupled with one leader, so that the last link moves by the sum. A closure holds the follower's link
+        to it.
+        """
+        slides = follower.kind == "prismatic"
+        origin = follower.origin
+        motions = []
+        for leader in ratios:
+            motion = free_name(f"{name}_{leader}", self._taken)
+            kind = "prismatic" if slides else "continuous"
+            motions.append(NewJoint(motion, kind, origin, follower.axis))
+            self.couplings.append(Coupling(motion, leader, ratios[leader], offset))
+            origin, offset = np.eye(4), 0.0  # of all but the first
+        last = free_name(f"{name}_sum", self._taken)
+        self._add_chain(follower.parent, motions, last)
+        self.virtual |= {motion.name for motion in motions}
+        ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
+        self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])
+        self.remarks.append(f"{name}: {follower.name} follows {', '.join(ratios)} by a massless chain")
 
     def _turning_axis(self, joint: Joint) -> Array:
         """Return the unit axis (3,) of a hinge in the base at zero joint positions."""

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from framework import Mechanism, MissingPackage, RobotFileError
+from framework import Mechanism, MissingPackage, ParallelRobot, RobotFileError, assemble, dynamics_at
+from framework.files.mjcf import mjcf_text
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.readers import read_any
 
@@ -118,9 +119,14 @@ def test_an_equality_of_one_joint_holds_it(tmp_path):
     ("equality", "message"),
     [
         ('<joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/>', "couples j and k: only linear couplings"),
-        ('<tendon tendon1="all"/>', "couples j, k, l: only couplings of two joints are read"),
-        ('<tendon tendon1="more" tendon2="all"/>', "couples j, k, m: only couplings of two joints are read"),
-        ('<tendon tendon1="all" tendon2="same" polycoef="0.3 1 0 0 0"/>', "couples no joint: only couplings"),
+        (
+            '<tendon tendon1="all" tendon2="more" polycoef="0 1 2 0 0"/>',
+            "couples j and k and l and m: only linear",
+        ),
+        (
+            '<tendon tendon1="all" tendon2="same" polycoef="0.3 1 0 0 0"/>',
+            "couples no joint: only hinges and",
+        ),
     ],
 )
 def test_other_equalities_are_refused_by_the_joints_that_they_couple(tmp_path, equality, message):
@@ -214,3 +220,83 @@ def test_a_tendon_between_two_sites_that_is_held_is_a_rod(tmp_path, offset, leng
 def test_a_tendon_around_a_third_site_is_no_rod(tmp_path):
     with pytest.raises(RobotFileError, match="spatial tendon, which is only read between two sites"):
         read(tmp_path, spatial("p", "r", "q"), bodies=RODS, equality='<tendon tendon1="rod"/>')
+
+
+CABLES = (
+    '<body name="spool" pos="0.1 0.2 0"><joint name="m" axis="0 0 1" armature="0.02"/>'
+    '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-5 1e-5 1e-5"/></body>'
+    '<body name="slide" pos="0 0.4 0"><joint name="n" type="slide" axis="0 1 0"/>'
+    '<inertial pos="0 0 0" mass="0.3" diaginertia="1e-4 1e-4 1e-4"/></body>'
+    '<body name="arm"><joint name="lift" axis="0 1 0"/>'
+    '<inertial pos="0.1 0 0.1" mass="1" diaginertia="1e-2 2e-2 1e-2"/>'
+    '<body name="hand" pos="0.3 0 0"><joint name="roll" axis="1 0 0"/>'
+    '<inertial pos="0.02 0.05 0" mass="0.5" diaginertia="1e-3 2e-3 2e-3"/></body></body>'
+)
+
+
+def test_a_joint_that_follows_two_others_is_driven_as_mujoco_drives_it(tmp_path):
+    """A spool and a slide follow lift and roll by cables; the witness is MuJoCo's inverse dynamics."""
+    mujoco = pytest.importorskip("mujoco")
+    cables = (
+        '<tendon><fixed name="a"><joint joint="m" coef="2"/><joint joint="lift" coef="-3"/>'
+        '<joint joint="roll" coef="1.4"/></fixed><fixed name="b"><joint joint="n" coef="-1"/>'
+        '<joint joint="lift" coef="0.05"/><joint joint="roll" coef="0.08"/></fixed></tendon>'
+    )
+    motors = '<actuator><motor joint="m"/><motor joint="n"/></actuator>'
+    held = '<tendon tendon1="a"/><tendon tendon1="b"/>'
+    said = {"platform": "hand", "platform_joints": ["lift", "roll"], "axes": None, "motors": ["m", "n"]}
+    description = read(tmp_path, cables + motors, bodies=CABLES, equality=held, **said)
+    robot = ParallelRobot.from_description(description)
+    # q = G y of the joints m, n, lift, roll: 2 m = 3 lift - 1.4 roll, n = 0.05 lift + 0.08 roll
+    y, dy, ddy = np.array([0.4, -0.7]), np.array([0.9, 1.3]), np.array([-2.0, 3.0])
+    joints = {"m": [1.5, -0.7], "n": [0.05, 0.08], "lift": [1, 0], "roll": [0, 1]}
+    pose = assemble(robot, y)
+    values = robot.reference_values(pose.q)
+    assert [values[name] for name in joints] == pytest.approx(np.array(list(joints.values())) @ y, abs=1e-12)
+
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    data = mujoco.MjData(model)
+    matrix = np.zeros((model.nv, 2))
+    for name, row in joints.items():
+        matrix[model.joint(name).dofadr[0]] = row
+    data.qpos[:], data.qvel[:], data.qacc[:] = matrix @ y, matrix @ dy, matrix @ ddy
+    mujoco.mj_inverse(model, data)
+    driven = [model.joint(name).dofadr[0] for name in ("m", "n")]
+    expected = np.linalg.solve(matrix[driven].T, matrix.T @ data.qfrc_inverse)
+    instant = dynamics_at(robot, pose.q, dx=dy, ddx=ddy)
+    np.testing.assert_allclose(np.ravel(instant.torque), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("hinges", [False, True])
+def test_a_rod_goes_to_mujoco_and_comes_back(tmp_path, hinges):
+    """MuJoCo holds the two sites at the length of the rod while one crank drives the other."""
+    mujoco = pytest.importorskip("mujoco")
+    said = {"platform": "two", "platform_joints": ["k"], "axes": None, "reference": {"j": 0.4, "k": 0.4}}
+    held = '<tendon tendon1="rod" polycoef="0.02 0 0 0 0"/>'
+    robot = ParallelRobot.from_description(
+        read(tmp_path, spatial("p", "q"), bodies=RODS, equality=held, **said)
+    )
+    text = mjcf_text(robot, hinges=hinges)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert data.ten_length[0] == pytest.approx(0.42, abs=1e-9)
+    assert np.abs(data.efc_pos).max() < 1e-9
+    data.qfrc_applied[0] = 0.05  # [N m] on one crank, which takes the other along
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert np.abs(data.qpos - model.key_qpos[0]).max() > 0.1
+    assert data.ten_length[0] == pytest.approx(0.42, abs=1e-3)
+    (tmp_path / "again.xml").write_text(text)
+    del said["reference"]
+    (closure,) = read_any(tmp_path / "again.xml", **(said | {"platform": "k_body", "motors": ["j"]})).closures
+    assert closure.length == pytest.approx(0.42, abs=1e-12)
+
+
+def test_cables_that_pull_are_named_where_there_is_no_loop(tmp_path):
+    pull = f'{spatial("p", "q")}<actuator><motor name="winch" tendon="rod"/></actuator>'
+    words = "no loop in it: .*; not read: motor 'winch': pulls by a spatial tendon, as cable robots do"
+    with pytest.raises(RobotFileError, match=words):
+        read(tmp_path, pull, bodies=RODS, equality="")

@@ -384,6 +384,12 @@ def test_gazebo_s_detachable_joint_closes_the_loop_of_two_links(tmp_path):
     (closure,) = parsed.description.closures
     assert closure.axes == locked_axes("fixed")
     assert "detachable" in closure.name
+    absent = stub.replace("<child_model>m<", "<child_model>box<")
+    (tmp_path / "grasp.sdf").write_text(
+        five_bar().replace("</model>", absent[absent.index("<plugin") :] + "</model>")
+    )
+    grasp = parse_any(tmp_path / "grasp.sdf", propose=propose).description
+    assert not [closure for closure in grasp.closures if "detachable" in closure.name]
     (tmp_path / "torn.sdf").write_text(text.replace("child_link>", "child_body>"))
     with pytest.raises(RobotFileError, match="DetachableJoint: <child_link> is missing"):
         read_any(tmp_path / "torn.sdf")

@@ -5,13 +5,15 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, RobotFileError
+from framework import ParallelRobot, RobotFileError, assemble, dynamics_at
 from framework.kinematics.assembly import all_loops_matrix
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import locked_axes
 from framework.model.readers import parse_any, read_any
+from framework.model.robot_file_writer import write_robot_file
 from tests.model.readers.foreign_files import short_move
 from tests.model.readers.test_sdf import five_bar_urdf
 
@@ -322,21 +324,56 @@ def test_a_motor_on_a_joint_that_follows_another_stays_there(tmp_path):
     assert all(plan.certificate.max_residual_torque < 1e-9 for plan in plans)
 
 
-@pytest.mark.parametrize("kind", ["DifferentialTransmission", "FourBarLinkageTransmission"])
-def test_transmissions_of_two_joints_are_named_with_their_reductions(tmp_path, kind):
+@pytest.mark.parametrize("actuators", [("m1", "m2"), ("pitch", "roll")], ids=["own", "of joints"])
+@pytest.mark.parametrize(
+    ("kind", "turns"),
+    [
+        ("DifferentialTransmission", [[40 * 2, 40 * 3], [-50 * 2, 50 * 3]]),
+        ("FourBarLinkageTransmission", [[40 * 2, 0], [-50, -50 * 3]]),
+    ],
+)
+def test_the_motors_of_two_joints_do_the_work_of_the_joints(tmp_path, kind, turns, actuators):
+    """Motors turn by 40 (2 p + 3 r), -50 (2 p - 3 r), or 40 * 2 p, -50 (p + 3 r); RNEA of the tree alone."""
     more = transmission(
         f"<plugin>transmission_interface/{kind}</plugin>",
-        part("joint", "ja", "<mechanical_reduction>2</mechanical_reduction>"),
-        part("joint", "jc"),
-        part("actuator", "m1", "<mechanical_reduction>50</mechanical_reduction>"),
-        part("actuator", "m2", "<mechanical_reduction>-50</mechanical_reduction>"),
+        part("joint", "roll", "<mechanical_reduction>3</mechanical_reduction>").replace(
+            ">", ' role="joint2">', 1
+        ),
+        part("joint", "pitch", "<mechanical_reduction>2</mechanical_reduction>").replace(
+            ">", ' role="joint1">', 1
+        ),
+        part("actuator", actuators[0], "<mechanical_reduction>40</mechanical_reduction>"),
+        part("actuator", actuators[1], "<mechanical_reduction>-50</mechanical_reduction>"),
     )
-    parsed = read(tmp_path, fingers(more))
-    (told,) = [remark for remark in parsed.remarks if remark.startswith("not read: transmission 't'")]
-    assert f"{kind} of ja, jc (ja 2, m1 50, m2 -50)" in told
-    no_loop = re.sub("<mimic[^>]*>", "", fingers(more))
-    with pytest.raises(RobotFileError, match=f"not read: transmission 't', {kind} .*; a URDF without loops"):
-        read(tmp_path, no_loop)
+    tree = (
+        f'<robot name="wrist"><link name="base"/>{link("a")}{link("b")}'
+        + joint("pitch", "base", "a").replace("0 0 1", "0 1 0")
+        + joint("roll", "a", "b").replace("0 0 1", "1 0 0")
+    )
+    motors = [name if name.startswith("m") else f"{name}_" for name in actuators]
+    said = {"platform": "b", "platform_joints": ["pitch", "roll"], "motors": motors}
+    description = read(tmp_path, f"{tree}{more}</robot>", **said).description
+    robot = ParallelRobot.from_file(write_robot_file(description, tmp_path / "out"))
+    proposed = read(tmp_path, f"{tree}{more}</robot>").description
+    assert (set(proposed.motor_joints), proposed.platform.joints) == (set(motors), ("pitch", "roll"))
+    y, dy, ddy = np.array([0.3, -0.5]), np.array([0.7, 1.1]), np.array([-1.0, 2.0])
+    pose = assemble(robot, y)
+    np.testing.assert_allclose(robot.gear_ratio * pose.q[robot.actuated], np.array(turns) @ y, atol=1e-12)
+    bare = pin.buildModelFromXML(f"{tree.replace('continuous', 'revolute').replace('<axis', FREE)}</robot>")
+    torques = pin.rnea(bare, bare.createData(), y, dy, ddy)
+    expected = np.linalg.solve(np.array(turns, dtype=float).T, torques)
+    np.testing.assert_allclose(dynamics_at(robot, pose.q, dx=dy, ddx=ddy).torque.ravel(), expected, rtol=1e-9)
+
+
+FREE = '<limit lower="-9" upper="9" effort="9" velocity="9"/><axis'
+
+
+def test_other_transmissions_of_several_joints_are_named(tmp_path):
+    kind = "<type>own/CableTransmission</type>"
+    parsed = read(tmp_path, fingers(transmission(kind, part("joint", "ja"), part("joint", "jc"))))
+    assert any(
+        "not read: transmission 't', CableTransmission of ja, jc" in remark for remark in parsed.remarks
+    )
 
 
 def test_the_default_namespace_of_a_file_is_none(tmp_path):
@@ -512,7 +549,7 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
     first = "package://no_such_arm/meshes/one.stl"
     assert (
         told
-        == f"2 meshes are not found, such as {first}, and not drawn; --package no_such_arm=FOLDER says where"
+        == f"meshes not found, and not drawn: 2, such as {first}; --package no_such_arm=FOLDER says where"
     )
     (tmp_path / "here" / "meshes").mkdir(parents=True)
     for name in ("one", "two"):
@@ -522,3 +559,34 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
     assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
     with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
         read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])
+
+
+def test_gazebo_s_detachable_joint_closes_the_loop_of_a_urdf(tmp_path):
+    """Both links are welded as they stand in the file."""
+    plugin = (
+        '<gazebo><plugin filename="detach.so" name="gz::sim::systems::DetachableJoint">'
+        "<parent_link>tip</parent_link><child_model>arms</child_model><child_link>end</child_link></plugin></gazebo>"
+    )
+    description = read(tmp_path, ARMS.replace("</robot>", f"{plugin}</robot>"), motors=["ja"]).description
+    (closure,) = description.closures
+    assert (closure.frames[1], closure.axes) == ("end", locked_axes("fixed"))
+
+
+def test_transmissions_with_other_parts_are_named_and_do_not_stop_the_file(tmp_path):
+    """As older files write a differential; and an offset, which no plan needs."""
+    kind = "transmission_interface/DifferentialTransmission"
+    older = (
+        f'<transmission name="t" type="{kind}"><leftJoint name="ja"/><rightJoint name="jb"/></transmission>'
+    )
+    offset = part("joint", "ja", "<mechanical_reduction>4</mechanical_reduction><offset>0.5</offset>")
+    parsed = read(tmp_path, fingers(older + transmission(SIMPLE, offset)))
+    assert any("not read: transmission 't', DifferentialTransmission" in remark for remark in parsed.remarks)
+    assert any("its offset is not read" in remark for remark in parsed.remarks)
+    assert [motor.gear_ratio for motor in parsed.description.actuators] == [4.0]
+
+
+def test_joints_that_controllers_of_gazebo_name_are_likely_motors(tmp_path):
+    control = "<gazebo><plugin name='control'><joint_name>jb</joint_name></plugin></gazebo>"
+    text = ARMS.replace("</robot>", f"{control}</robot>")
+    description = read(tmp_path, text, closures=[["end", "tip", "revolute"]]).description
+    assert description.motor_joints == ("jb",)

@@ -1,0 +1,144 @@
+"""Columns of a recording in other units, with other signs, or exchanged: declared, or found by the model.
+
+No column is converted unless somebody says so. But if the recording contradicts the model, and one change
+that people forget makes the squared misfit fall tenfold, the refusal names the column and the option that
+declares the change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from framework.errors import InvalidInput, NoAnswer, check_choice
+from framework.identification.recording import Recording, check_recording, read_recording
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import CLEAR_MISFIT, FAULT_RATIO
+
+_SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_POSITION = {"rad": 1.0, "deg": np.pi / 180.0, "turn": 2.0 * np.pi, "m": 1.0, "mm": 1e-3}
+_TORQUE = {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "N": 1.0}
+UNITS = {  # SI values of the units that the columns of a kind may have; the first is the default
+    "time": _SECOND,
+    "motor_angle": _POSITION,
+    "torque": _TORQUE,
+    "platform": _POSITION,
+    "joint": _POSITION,
+}
+
+
+@dataclass(frozen=True)
+class Conversions:
+    """What turns the columns of a file into SI units and the robot's directions.
+
+    Columns are named by kind (`motor_angle`, for all of them) or in full.
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)  # such as {"motor_angle": "deg"}
+    signs: Mapping[str, float] = field(default_factory=dict)  # such as {"torque_left": -1}
+    swaps: Mapping[str, str] = field(default_factory=dict)  # columns that are exchanged for one another
+
+    def convert(self, data: Recording) -> Recording:
+        """Return the recording in SI units, with its columns exchanged and turned.
+
+        Raises:
+            InvalidInput: an unknown column or unit, or a sign that is neither 1 nor -1.
+        """
+        names = list(data.names)
+        for one, other in self.swaps.items():
+            for name in (one, other):
+                check_choice("column of --swap", name, data.names)
+            i, j = data.names.index(one), data.names.index(other)
+            names[i], names[j] = names[j], names[i]
+        values = data.values.copy()
+        for column, unit in self.units.items():
+            chosen = _columns_of(names, column, "--unit")
+            units = UNITS[_kind_of(names[chosen[0]])]
+            check_choice(f"unit of {column}", unit, units)
+            values[:, chosen] *= units[unit]
+        for column, sign in self.signs.items():
+            if abs(sign) != 1.0:
+                raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
+            values[:, _columns_of(names, column, "--sign")] *= sign
+        return replace(data, names=tuple(names), values=values)
+
+    def __str__(self) -> str:
+        """Return the options of the command line that declare these conversions."""
+        words = [f"--unit {column}={unit}" for column, unit in self.units.items()]
+        words += [f"--sign {column}={sign:g}" for column, sign in self.signs.items()]
+        return " ".join([*words, *(f"--swap {one}={other}" for one, other in self.swaps.items())])
+
+
+def load_recording(
+    robot: ParallelRobot, data: Recording | str | Path, conversions: Conversions | None = None
+) -> Recording:
+    """Check a recording, or read one if `data` is a file name, and convert its columns.
+
+    Raises:
+        InvalidInput: the file cannot be read, time does not advance, or a conversion is unknown.
+    """
+    recording = data if isinstance(data, Recording) else read_recording(robot, data)
+    check_recording(recording)
+    return (conversions or Conversions()).convert(recording)
+
+
+def _kind_of(column: str) -> str:
+    """Return the kind of a column, a key of UNITS."""
+    return next(kind for kind in UNITS if column == kind or column.startswith(f"{kind}_"))
+
+
+def _columns_of(names: Sequence[str], column: str, option: str) -> list[int]:
+    """Return the indices of the columns that `column` names, in full or by kind."""
+    kinds = dict.fromkeys(_kind_of(name) for name in names)
+    check_choice(f"column of {option}", column, [*kinds, *names])
+    return [k for k, name in enumerate(names) if column in (name, _kind_of(name))]
+
+
+def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
+    """Yield single changes of columns of some kinds that people forget: unit, sign, exchange."""
+    for kind in kinds:
+        names = [name for name in data.names if _kind_of(name) == kind]
+        for column in [kind, *names] if len(names) > 1 else names:
+            for unit, value in UNITS[kind].items():
+                if value != 1.0:
+                    yield Conversions(units={column: unit})
+            if kind != "time":
+                yield Conversions(signs={column: -1.0})
+        yield from (Conversions(swaps={one: other}) for one, other in combinations(names, 2))
+
+
+def refuse_mistaken_columns(
+    data: Recording, kinds: Sequence[str], misfit: Callable[[Recording], float]
+) -> None:
+    """Raise InvalidInput if one change of a column reduces the squared misfit by FAULT_RATIO.
+
+    Args:
+        kinds: the kinds of columns that may be wrong.
+        misfit: squared misfit of a recording to the model; raises NoAnswer or InvalidInput without one.
+    """
+
+    def measure(recording: Recording) -> float:
+        """Compute the misfit; infinite if there is none."""
+        try:
+            return misfit(recording)
+        except (NoAnswer, InvalidInput):
+            return np.inf
+
+    own = measure(data)
+    if own <= CLEAR_MISFIT:
+        return
+    trials = [(measure(change.convert(data)), change) for change in suspects(data, kinds)]
+    least, change = min(trials, key=lambda trial: trial[0], default=(np.inf, Conversions()))
+    if least * FAULT_RATIO > min(own, 1.0):
+        return
+    alike = [str(other) for value, other in trials if value <= 2.0 * least and other is not change]
+    others = f" (or {' or '.join(alike[:2])}, which fits as well)" if alike else ""
+    state = "does not fit at all" if np.isinf(own) else f"is off by {100 * np.sqrt(own):.3g} % of the data"
+    raise InvalidInput(
+        f"{data.source}: the model {state}, but with {change}{others} only by {100 * np.sqrt(least):.2g} %; "
+        f"declare so if it is true, or look at the robot file"
+    )

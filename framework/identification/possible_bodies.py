@@ -1,0 +1,104 @@
+"""Parameters of links and motors that can exist, nearest to what data say.
+
+The pseudo-inertia of every link must be positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and
+Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be negative. The misfit to
+the data is a quadratic form, and so is a prior about the robot file, which decides what the data leave open.
+This is a semidefinite program. Links fixed to one another form one body; the prior divides its parameters
+among the links.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from framework.dynamics.body_parameters import pseudo_inertia
+from framework.errors import NotConverged
+from framework.identification.base_parameters import LinkParameters, read_inertial_parameters, write_inertial
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
+from framework.tolerances import RANK_ROUNDING
+
+
+class PossibleParameters(NamedTuple):
+    """Parameters (u,) of links and motors that can exist."""
+
+    values: Array  # (u,)
+    covariance: Array  # (u, u) of data and prior, without the limits of what can exist
+
+
+def fit_possible_parameters(
+    robot: ParallelRobot, links: LinkParameters, free: IntArray, root: Array, right: Array, prior: float
+) -> PossibleParameters:
+    """Compute the most probable parameters (u,) of possible links and motors.
+
+    With theta = file + change z of the free parameters, they minimise |root z - right|^2 + |z / deviation|^2,
+    where the deviation is prior * `links.prior_sizes`. Let z = best + change y, where `best` is the
+    unconstrained minimum and `change` turns the quadratic form into |y|^2, so that change change' is the
+    covariance. The shortest y with possible parameters is the solution.
+
+    Args:
+        free: (f,) indices of the parameters that may change.
+        root, right: equations root z = right with unit noise.
+        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
+
+    Raises:
+        NotConverged: the solver does not converge.
+    """
+    deviation = prior * links.prior_sizes[free]
+    _, sigma, V_rows = np.linalg.svd(root * deviation, full_matrices=True)
+    squares = np.zeros(len(free))
+    squares[: len(sigma)] = sigma**2
+    change = np.zeros((len(links.values), len(free)))
+    change[free] = deviation[:, None] * V_rows.T / np.sqrt(1.0 + squares)
+    gradient = V_rows @ (deviation * (root.T @ right))  # (f,)
+    best = links.values + change @ (gradient / np.sqrt(1.0 + squares))
+
+    # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
+    changed = [part for part in links.link_slices if np.isin(range(part.start, part.stop), free).any()]
+    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in changed]
+    motors = free[free >= links.motor_slice.start]
+    sizes = prior * links.prior_sizes[motors]
+    y = least_norm_semidefinite(cones, Affine(change[motors] / sizes[:, None], best[motors] / sizes))
+    if isinstance(y, Unsolved):
+        raise NotConverged(
+            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
+            residual=float(np.linalg.norm(right)),
+        )
+
+    values = best + change @ y
+    values[motors] = np.maximum(values[motors], 0.0)  # against rounding
+    for part in changed:
+        link = Element("link")
+        write_inertial(link, values[part])
+        values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
+    return PossibleParameters(values, change @ change.T)
+
+
+def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+
+    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
+    the `file_values` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
+    the size of rounding are allowed.
+    """
+    D = _balancing_scale(file_values)
+    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
+    offset = D @ pseudo_inertia(best) @ D
+    return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
+
+
+def _balancing_scale(parameters: Array) -> Array:
+    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
+
+    P is the pseudo-inertia (4, 4) of a link's parameters (10,). Its diagonal holds three second moments and
+    the mass. Rounding in D P D is then relative to 1, whatever the units and the link.
+    """
+    diagonal = np.diag(pseudo_inertia(parameters))
+    largest = diagonal[:3].max()
+    if largest == 0.0:  # a point mass at the origin has no moments: they get the scale of the mass
+        largest = diagonal[3]
+    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
