@@ -354,8 +354,8 @@ def _compare_branches(
     A point is on the branch if a step of inverse kinematics from the nearest pose leads to the configuration
     of the point, and off the branch if the step leads elsewhere. Where the inverse kinematics is singular,
     too, the step fails. Then the point counts as on the branch if its joints are no farther from the nearest
-    pose than those of the farthest neighbour, and no leg flips between them. Points at and beyond the edge of the reached poses may be
-    neither on nor off.
+    pose than those of the farthest neighbour, and no leg flips between them. Points at and beyond the edge of
+    the reached poses may be neither on nor off.
 
     Returns:
         Masks (m,) of the points on the branch, and of the points off the branch.
