@@ -22,7 +22,7 @@ from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity, finite_numbers
 from framework.kinematics.assembly import remark_on_turns
-from framework.kinematics.assembly_search import find_closed_pose
+from framework.kinematics.assembly_search import can_close, find_closed_pose
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble, remark_on_reach
 from framework.kinematics.diagnostics.diagnosis import describe_pose
@@ -183,7 +183,7 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
 
     Raises:
         NotAssembled, Type1Singularity: no pose in the modes of the reference. With `advise_all` the remedy
-            is --all, unless the numbers are impossible in all modes.
+            is --all, if a search finds a pose in another mode.
     """
     motor_joints = options.motor_joints
     point = options.point
@@ -200,8 +200,17 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
                 return q
             addition = f"; {sentence}"
         failure.args = (f"{failure}{addition}",)
-        raise failure.advising({"all": True} if advise_all and not impossible else None) from None
+        if advise_all and not impossible and _has_pose(robot, motor_joints, point):
+            raise failure.advising({"all": True}) from None
+        raise failure.advising(None) from None
     return closed.q
+
+
+def _has_pose(robot: ParallelRobot, motor_joints: list[float] | None, point: list[float] | None) -> bool:
+    """Return whether a search finds a pose of the motors or the platform, in any mode."""
+    if motor_joints is None:
+        return can_close(robot, robot.actuated[:0], np.empty(0), np.array(point))
+    return can_close(robot, robot.actuated, np.array(motor_joints))
 
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:

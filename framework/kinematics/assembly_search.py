@@ -88,6 +88,31 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
     return ClosedPose(q, mechanism.coordinates.name_of(farthest), distance)
 
 
+def can_close(
+    mechanism: Mechanism, columns: IntArray, positions: Array, near_platform: Array | None = None
+) -> bool:
+    """Return whether a search closes the loops in any mode, whatever the joints' limits.
+
+    Args:
+        columns: (k,) of joints that stand at `positions` (k,).
+        near_platform: platform coordinates (n,) that the pose must have.
+    """
+    free = replace(mechanism, limits=())
+    lower, upper = _joint_ranges(free)
+    reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
+    offsets = (positions - reference[columns]) / mechanism.column_scale[columns]
+    lower[columns] = offsets
+    upper[columns] = offsets + SAME_PLACE * np.maximum(np.abs(offsets), 1.0)
+    groups = _group_loops(free, lower, upper)
+    if near_platform is not None:
+        groups = [_whole_group(free, lower, upper, near_platform)]
+    try:
+        misses = [group.miss(_find_nearest_offsets(group)) for group in groups]
+    except NotAssembled:
+        return False
+    return bool(np.abs(np.concatenate(misses)).max(initial=0.0) < LOOP_GAP)
+
+
 @dataclass(frozen=True, eq=False)
 class _Group:
     """m loop equations of k joints as functions of offsets u (k,) from the reference.
