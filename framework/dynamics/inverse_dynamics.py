@@ -18,7 +18,6 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
-    Checkpoints,
     LawChoice,
     Pass,
     assess_deflections,
@@ -46,7 +45,6 @@ from framework.dynamics.singularity_crossings import (
     find_crossed_points,
     measure_crossings,
     panel_edges,
-    rigid_crossings,
 )
 from framework.errors import (
     InvalidInput,
@@ -317,23 +315,18 @@ class _Refinement:
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:
-                if not self.crossings:
-                    self.crossings = rigid_crossings(branch, self.searched.points, self.law)
+                if self.crossed and not self.crossings:
+                    self._pass_at_rest(grid, instants)
                 solution = assess_deflections(branch, grid, self.law, self.known)
             else:
-                at_rest, checkpoints = self._pass_at_rest(grid, instants)
                 solution = solve_deflections(
                     branch,
-                    grid,
+                    self._pass_at_rest(grid, instants),
                     self.choose_law,
                     self.geometry,
-                    self.law,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
                     is_fine=lambda at_rest: self._is_fine(grid, at_rest),
-                    at_rest=at_rest,
                 )
-                if not branch.robot.n_e:
-                    solution = replace(solution, checkpoints=checkpoints)
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
                 check_bounded(branch.robot, self.crossings, self.allowed_residual)
@@ -347,23 +340,25 @@ class _Refinement:
         self.passes += solution.passes
         return solution
 
-    def _pass_at_rest(self, grid: TimeGrid, instants: Array) -> tuple[Pass, Checkpoints]:
+    def _pass_at_rest(self, grid: TimeGrid, instants: Array) -> Pass:
         """Compute the pass with springs at rest; measure the crossings at `instants` (k,) on the first grid.
 
         Raises:
             UnboundedTorque: the law violates condition (8), and the geometry is rigid.
         """
         branch = self.searched.branch
-        # the series of a rigid robot are checked at the same instants
-        others = np.linspace(0.0, grid.edges[-1], SAMPLES) if branch.robot.n_e else between_nodes(grid)
-        at_rest, checkpoints = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
+        # with rigid geometry the torques' series are checked at the same instants
+        is_rigid = self.geometry == "rigid"
+        others = between_nodes(grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
+        at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
         if self.crossed and not self.crossings_at_rest:
-            at_points, along = np.split(checkpoints.forces, [len(instants)])
+            assert at_rest.checkpoints is not None
+            at_points, along = np.split(at_rest.checkpoints.forces, [len(instants)])
             self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
             self.crossings_at_rest = self.crossings
-            if self.geometry == "rigid":
+            if is_rigid:
                 check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
-        return at_rest, checkpoints
+        return at_rest
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
         """Return whether the grid resolves the torques of the undeformed robot, or no grid does.

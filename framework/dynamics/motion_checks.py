@@ -210,9 +210,8 @@ def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> 
     """
     robot = branch.robot
     needs_nodes = len(robot.structure.idle) > 0
-    checkpoints = solution.checkpoints
-    if checkpoints is not None and not needs_nodes:
-        times, motion, r = checkpoints
+    if result.geometry == "rigid" and solution.checkpoints is not None and not needs_nodes:
+        times, motion, r = solution.checkpoints
     else:
         times = between_nodes(solution.grid)
         times = np.concatenate([times, solution.grid.times]) if needs_nodes else times

@@ -26,7 +26,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import sign_along, uncontrolled_motion
+from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 Speed = TypeVar("Speed", float, Array)
@@ -77,20 +77,9 @@ def imposed_point(branch: Branch, s: float) -> SingularPoint:
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
     """
-    closed = branch.close(s)
-    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)  # kind of singularity
-    sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
-    return SingularPoint(
-        s=s,
-        kind=kind,
-        contact="imposed",
-        corank=1,
-        twist=sign * twist,
-        platform=closed.x[0],
-        slope=np.nan,
-        motion=sign * motion,
-        pose=closed.linearised,
-    )
+    pose = branch.close(s).linearised
+    least = uncontrolled_motion(branch.robot, pose)._replace(corank=1)
+    return SingularPoint.of(branch, s, pose, least, contact="imposed", slope=np.nan)
 
 
 def condition_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:

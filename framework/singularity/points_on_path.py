@@ -40,7 +40,7 @@ from framework.singularity.rank_deficiency import (
     find_contacts,
     find_near_misses,
 )
-from framework.singularity.type2 import measure_gradient, sign_along, uncontrolled_motion
+from framework.singularity.type2 import Uncontrolled, measure_gradient, sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 
@@ -63,6 +63,32 @@ class SingularPoint(ReadOnlyArrays):
     motion: Array  # (nv,) joint rates of the twist
     pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    @staticmethod
+    def of(
+        branch: Branch,
+        s: float,
+        pose: LinearisedLoops,
+        uncontrolled: Uncontrolled,
+        *,
+        contact: str,
+        slope: float,
+        resolution: float | None = None,
+    ) -> SingularPoint:
+        """Return the point at s, its uncontrolled motion turned so that the twist points along the path."""
+        sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
+        return SingularPoint(
+            s=s,
+            kind=uncontrolled.kind,
+            contact=contact,
+            corank=uncontrolled.corank,
+            twist=sign * uncontrolled.twist,
+            platform=branch.path(s),
+            slope=slope,
+            motion=sign * uncontrolled.motion,
+            pose=pose,
+            resolution=resolution,
+        )
 
     def __post_init__(self) -> None:
         """Make all arrays read-only, those of the pose too."""
@@ -285,19 +311,9 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     s = contact.s
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
-    path_twist = branch.robot.platform.path_twist(branch.path, s)
-    sign = sign_along(uncontrolled.twist, path_twist)  # turns the twist along the path
-    return SingularPoint(
-        s=s,
-        kind=uncontrolled.kind,
-        contact=contact.kind,
-        corank=uncontrolled.corank,
-        twist=sign * uncontrolled.twist,
-        platform=branch.path(s),
-        slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
-        motion=sign * uncontrolled.motion,
-        pose=linearised,
-        resolution=contact.resolution,
+    slope = _slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope
+    return SingularPoint.of(
+        branch, s, linearised, uncontrolled, contact=contact.kind, slope=slope, resolution=contact.resolution
     )
 
 

@@ -202,7 +202,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
-    kind = _kind_at(robot, linearised.select(len(x) // 2))
+    kind = singularity_kind(robot, linearised.select(len(x) // 2))
     if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
     elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
@@ -221,8 +221,8 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     )
 
 
-def _kind_at(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the kind of the singularity at a point of a curve (T = 1), the first of PRECEDENCE."""
+def singularity_kind(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
+    """Return the kind of the singularity of one pose (T = 1), the first of PRECEDENCE."""
     kinds = escaping_motions(robot, linearised, at_least=1).kinds
     return next((kind for kind in PRECEDENCE if kind in kinds), "type_2")
 

@@ -150,9 +150,8 @@ def follow_path(
     Raises:
         NotAssembled: the pose is singular to the last bit.
     """
-    start = with_tangents(robot, path, np.zeros(1), pose)
-    panels = follow_panels(robot, path, start)
-    last = panels[-1].last if panels else start
+    panels = follow_panels(robot, path, pose)
+    last = panels[-1].last if panels else with_tangents(robot, path, np.zeros(1), pose)
     return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
 
 
