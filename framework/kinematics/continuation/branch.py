@@ -82,8 +82,8 @@ class Branch(ReadOnlyArrays):
         robot: ParallelRobot, path: Path, panels: Sequence[BranchPoses], steps: Sequence[BranchPoses]
     ) -> Branch:
         """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
-        origin = (*panels, *steps)[0].q[0]
         freeze(tuple(panels))
+        origin = (*panels, *steps)[0].q[0]
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
         for start, end in pairwise(steps):
             cubic = np.zeros((SHEET_NODES, robot.nv))
