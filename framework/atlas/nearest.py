@@ -29,8 +29,8 @@ import numpy as np
 
 from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
