@@ -82,17 +82,18 @@ class MapLocus(ReadOnlyArrays):
         if self.why_not:
             return f"not traced: {self.why_not}"
         count = sum(curve.is_type2 for curve in self.curves)
-        noun = "curve" if self.unexplained.shape[1] == 2 else "point"
+        is_plane = self.unexplained.shape[1] == 2
+        noun, lies, found = ("curve", "passes", "traced") if is_plane else ("point", "lies", "located")
         curves = {0: f"no {noun}", 1: f"1 {noun}"}.get(count, f"{count} {noun}s")
         if count < len(self.curves):
             curves += f" of Type 2 and {len(self.curves) - count} of the loops or legs themselves"
         if self.sign_changes:
             missed = len(self.unexplained)
-            rest = f"at {missed} no {noun} lies" if missed else "all explained"
+            rest = f"at {missed} no {noun} {lies}" if missed else "all explained"
             signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
         else:
             signs = "g does not change its sign"
-        return f"{curves} {'traced' if noun == 'curve' else 'located'}; {signs}; completeness is not claimed"
+        return f"{curves} {found}; {signs}; completeness is not claimed"
 
 
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
