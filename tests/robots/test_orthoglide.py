@@ -127,7 +127,7 @@ def test_the_workspace_ends_where_a_leg_is_normal_to_its_rail(robot):
 
 
 def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere(robot):
-    """As built: 25 rows of rank 13. Those of the isotropic pose fail where r_1 r_2 r_3 = x y z, on the path."""
+    """As built: 25 rows of rank 13. Those of the isotropic pose fail on the path, at r_1 r_2 r_3 = x y z."""
     axes = dict.fromkeys(("rod_1b", "rod_2b", "rod_3b"), ("x", "y", "z", "rx", "ry"))
     axes |= dict.fromkeys(("mount_2", "mount_3"), ("x", "y", "z", "rx", "rz"))
     closures = tuple(replace(one, axes=axes[one.name]) for one in robot.description.closures)
