@@ -231,7 +231,9 @@ def test_random_arms_have_neither_false_signs_nor_false_refusals(tmp_path, seed)
     for curve in workspace_map(robot, survey_window(robot, size=15), ["g"]).locus.curves:
         motors, rods = arms.angles(curve.x)
         in_mode = np.abs(np.sin(0.5 * (robot.actuated_coordinates(curve.q) - motors.T))).max(axis=1) < 1e-6
-        assert not curve.is_type2 or np.abs(np.sin(rods[1] - rods[0]))[in_mode].max(initial=0.0) < 1e-9
+        # curves end where all parallelograms of rods are flat: the loops lose rank, the end has no digits
+        judged = in_mode & (np.abs(np.sin(rods)).max(axis=0) > 1e-6)
+        assert not curve.is_type2 or np.abs(np.sin(rods[1] - rods[0]))[judged].max(initial=0.0) < 1e-9
 
 
 @pytest.mark.slow
