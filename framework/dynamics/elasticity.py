@@ -218,7 +218,7 @@ def _relative_size(
 
 
 def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> Pass:
-    """Compute the pass with springs at rest on the nodes of the grid, with checkpoints at other instants.
+    """Compute the pass with springs at rest, on a grid and at checkpoints.
 
     All instants are one stack, whose loops are closed and whose motion is computed once.
 

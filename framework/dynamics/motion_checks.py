@@ -199,9 +199,10 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
 
 
 def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> MissingForces:
-    """Compute the forces missing for balance between the nodes, and with idle joints on the nodes, too.
+    """Compute the forces missing for balance between the nodes.
 
-    On the nodes the equations of all joints but the idle ones hold by construction.
+    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
+    joints are checked on the nodes, too.
 
     Args:
         solution: motion and forces on the nodes of the grid.

@@ -293,9 +293,9 @@ def _solve_law(
 def undeformed_polynomial(
     to_cross: PathToCross, request: Request, *, searched: bool = True
 ) -> tuple[Law, tuple[CrossingTime, ...], Array]:
-    """Compute a law of the undeformed robot that advances; its torques are neither computed nor certified.
+    """Compute a law of the undeformed robot that always advances.
 
-    Open times and speeds are chosen.
+    Open times and speeds are chosen. Torques are neither computed nor certified.
 
     Args:
         searched: whether open ones are searched if none of the first ones will do.
