@@ -18,11 +18,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import InvalidInput, check_order, real_numbers
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.fields import LARGEST_NUMBER
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
+
+DEGREES_PER_PANEL = 12  # of a law; below twice as many a single panel is enough
+NO_HIGH = read_only(np.empty(0))  # coefficients of a law of least degree above that degree
 
 
 def check_duration(duration: float) -> None:
@@ -188,6 +191,12 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     kind: ClassVar[str] = "polynomial"
 
+    @property
+    def edges(self) -> Array:
+        """Panel edges (k,) [s] of a law of high degree, Chebyshev nodes; empty for others."""
+        panels = self.degree // DEGREES_PER_PANEL
+        return 0.5 * self.duration * (nodes(panels + 1) + 1.0) if panels > 1 else np.empty(0)
+
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Return s(t) or its derivative [1/s^order], with the shape of t.
 
@@ -210,10 +219,13 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
-    def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the polynomial law of degree k - 1 that meets k conditions.
+    def from_conditions(conditions: Sequence[Condition], duration: float, high: Array = NO_HIGH) -> Law:
+        """Solve for the polynomial law of degree k - 1 + h that meets k conditions.
 
         The Chebyshev coefficients solve one linear equation per condition, in normalised time.
+
+        Args:
+            high: (h,) given coefficients of the degrees from k on.
 
         Raises:
             InvalidInput: the duration is not positive; a condition is not finite or lies outside
@@ -231,18 +243,26 @@ class Law(ReadOnlyArrays, PlannedLaw):
             tuple((time * scale - 1.0, order) for time, order, _ in conditions)
         )
         orders = np.array([order for _, order, _ in conditions])
-        values = np.array([value for *_, value in conditions], np.longdouble)
-        right_side = values / scale**orders / row_sizes
+        values = np.array([value for *_, value in conditions], np.longdouble) / scale**orders
+        if len(high):  # what is left for the degrees below k
+            given = np.concatenate([np.zeros(len(conditions)), high])
+            x = np.array([time * scale - 1.0 for time, *_ in conditions])
+            polynomials = chebyshev.chebvander(x, len(given) - 1)  # (k, k + h)
+            series = np.array([derivative_matrix(len(given), order) @ given for order in orders])
+            values -= (polynomials * series).sum(axis=1)
+        right_side = values / row_sizes
 
         # Rows of high order are ill-conditioned. Two refinements with residuals in long double recover the
         # digits that the inverse loses.
         solution = inverse @ right_side
         for _ in range(2):
             solution += inverse @ (right_side - rows @ solution)
-        return Law(solution.astype(float), duration)
+        return Law(np.concatenate([solution.astype(float), high]), duration)
 
     @staticmethod
-    def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:
+    def rest_to_rest(
+        duration: float, smoothness: int, inner: Sequence[Condition] = (), high: Array = NO_HIGH
+    ) -> Law:
         """Return the law from rest at s = 0 to rest at s = 1 that meets the conditions `inner`.
 
         The derivatives of s up to order `smoothness` are zero at both ends. The degree is
@@ -254,11 +274,12 @@ class Law(ReadOnlyArrays, PlannedLaw):
             duration: [s].
             smoothness: order of the highest derivative of s that vanishes at both ends.
             inner: conditions at instants between the ends.
+            high: given coefficients of the degrees that the conditions leave open.
         """
         check_duration(duration)
         rest = [0.0] * smoothness  # the derivatives at an end
         ends = conditions_at_instants((0.0, duration), ([0.0, *rest], [1.0, *rest]))
-        return Law.from_conditions([*ends, *inner], duration)
+        return Law.from_conditions([*ends, *inner], duration, high)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry `law` of plan.json."""

@@ -7,6 +7,7 @@ Open `plan` first: `plan_crossing` in four steps.
        condition                 condition (8) there: alpha s" + beta s'^2 + gamma + delta s' = 0
        crossing_tracker          the same points of the deflected robot, followed from pass to pass
     3. polynomial                the paper's law: one polynomial, with times and speeds of its crossings
+       raised_polynomial         one of higher degree, where that one turns back at given times
        optimal/                  the law of free shape: the cone program
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
 

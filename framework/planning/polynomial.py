@@ -19,14 +19,12 @@ from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
-from framework.laws.law import Law, MotionLaw, conditions_at_instants, speed_ratios_and_peaks
+from framework.laws.law import NO_HIGH, Law, MotionLaw, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
-from framework.planning.condition import (
-    require_effect,
-)
+from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
 from framework.planning.options import OPTIMAL_LAW
@@ -36,8 +34,11 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
+Timing = tuple[tuple[CrossingTime, ...], Array]  # and the coefficients of the law above its least degree
+
 # least speed ratio that a chosen law should have: least speed over the mean, without the zeros at the ends
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
+RAISED_DEGREES = (24, 32, 40)  # tried in turn where the law of least degree does not advance at given times
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
 # laws that each round of the search draws for each open time or speed; largest number of rounds
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
@@ -51,39 +52,43 @@ OF_A_SCENE = (
 )
 
 
-def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
+def plan_polynomial(
+    to_cross: PathToCross,
+    request: Request,
+    *,
+    searched: bool = True,
+    raised: Timing | None = None,
+    raises_left: int = 2,
+) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
-    of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
-    solved for together. The first law and the last one must advance.
+    Where it does not advance at required times, the degree is raised. Deflections shift the crossing points.
+    `resolve` computes them in passes, and each pass solves for a law of its own, with the times and speeds of
+    the first. If the passes do not converge, law and deflections are solved for together. The first law and
+    the last one must advance.
 
     Args:
         searched: whether open times and speeds are searched if none of the first ones will do.
+        raised: times, speeds and high coefficients for the crossings of the deflected robot.
+        raises_left: how often these may be found anew if deflections make the law turn back.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    timing = timing_of(to_cross, request, searched=searched)
+    if raised is None:
+        undeformed, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
+    else:
+        timing, high = raised
+        undeformed = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
-    def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
-        """Solve for the law of a pass at given deflections; check the first law.
-
-        Args:
-            deflections: deflections (n_e) as a function of time; None before the first pass.
-            previous: the law of the pass before.
-        """
+    def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> Law:
+        """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
         if deflections is None or request.geometry != "deformed":
-            crossings = _undeformed_crossings(to_cross)
-        else:
-            crossings = _deformed_crossings(tracker, deflections)
-        law = _solve_law(crossings, timing, request, name)
-        if previous is None:
-            _check_advance(law, request, to_cross.points, name)
-        return law
+            return undeformed
+        return _solve_law(_deformed_crossings(tracker, deflections), timing, request, name, high)
 
     # torques and certificate, of a law that each pass chooses or of a fixed one
     resolve_with = partial(
@@ -99,7 +104,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
         if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
-            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing)
+            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
             dynamics = resolve_with(lambda *_: balanced, known=deflections)
         except SearchEnded:
             raise
@@ -108,7 +113,15 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
     law = dynamics.law
     assert isinstance(law, Law)
     if request.geometry == "deformed":  # else the first law, which is checked
-        _check_advance(law, request, dynamics.crossings, name)
+        try:
+            _check_advance(law, request, dynamics.crossings, name)
+        except NoLaw:
+            if request.times is None or not raises_left:
+                raise
+            raised = _raise_degree(_deformed_crossings(tracker, dynamics.deflection), request)
+            if raised is None:
+                raise
+            return plan_polynomial(to_cross, request, raised=raised, raises_left=raises_left - 1)
     # the last pass has found the conditions, unless the motion meets other points or the user imposes some
     handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
     return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
@@ -119,6 +132,7 @@ def _find_balanced_law(
     tracker: CrossingTracker,
     request: Request,
     timing: Sequence[CrossingTime],
+    high: Array,
     *,
     max_balances: int = 40,  # of law and deflections, until the polynomial passes the crossings
 ) -> tuple[Law, KnownDeflections]:
@@ -130,6 +144,7 @@ def _find_balanced_law(
     Args:
         tracker: the crossings with the last deflections.
         timing: times and speeds of the crossings.
+        high: coefficients of the law above its least degree.
 
     Returns:
         The law, and the deflections in balance with its forces.
@@ -141,7 +156,7 @@ def _find_balanced_law(
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
-        law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections)
+        law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
         crossings = _deformed_crossings(tracker, deflections.evaluate)
         places = np.array([point.s for point, _ in crossings])
         miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
@@ -156,6 +171,7 @@ def _balance_accelerations(
     timing: Sequence[CrossingTime],
     crossings: Sequence[PlannedCrossing],
     start: KnownDeflections | None,
+    high: Array,
     *,
     acceleration_step: float = 1e-4,  # of differences in s" at a crossing, times the duration squared
 ) -> tuple[Law, KnownDeflections]:
@@ -165,6 +181,7 @@ def _balance_accelerations(
         crossings: the points, whose s the law passes, each with its condition (8).
         timing: times and speeds s' of the crossings.
         start: deflections at which the iteration begins; None for springs at rest.
+        high: coefficients of the law above its least degree.
 
     Returns:
         The law, and the deflections in balance with its forces.
@@ -176,7 +193,7 @@ def _balance_accelerations(
 
     def law_of(shifts: Array) -> Law:
         """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
-        return _solve_law(crossings, timing, request, branch.robot.name, shifts)
+        return _solve_law(crossings, timing, request, branch.robot.name, high, shifts)
 
     no_shift = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
@@ -185,19 +202,6 @@ def _balance_accelerations(
         start = None  # its panels end elsewhere
     balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
     return law_of(balance.scalars), balance.deflections
-
-
-def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
-    """Compute the law of the undeformed robot; its torques are neither computed nor certified.
-
-    Raises:
-        InvalidInput: times or speeds of the request do not suit the path.
-        NoAnswer: no law meets the conditions and advances, see `plan_crossing`.
-    """
-    name = to_cross.branch.robot.name
-    law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)
-    _check_advance(law, request, to_cross.points, name)
-    return law
 
 
 def _check_advance(
@@ -251,6 +255,7 @@ def _solve_law(
     timing: Sequence[CrossingTime],
     request: Request,
     name: str,
+    high: Array,
     shifts: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
@@ -259,6 +264,7 @@ def _solve_law(
         crossings: the points, each with the condition (8) that gives s".
         timing: times and speeds of the crossings.
         name: name of the robot, for messages.
+        high: coefficients of the law above its least degree.
         shifts: (k,) [1/s^2] of s" at the crossings, from those of the conditions.
 
     Raises:
@@ -273,7 +279,7 @@ def _solve_law(
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:
-        return Law.rest_to_rest(duration, request.smoothness, inner)
+        return Law.rest_to_rest(duration, request.smoothness, inner, high)
     except InvalidInput as problem:
         through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing)
         why = (
@@ -284,19 +290,26 @@ def _solve_law(
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
-def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True) -> tuple[CrossingTime, ...]:
-    """Return the times and speeds of the undeformed robot's crossings; choose the open ones.
+def undeformed_polynomial(
+    to_cross: PathToCross, request: Request, *, searched: bool = True
+) -> tuple[Law, tuple[CrossingTime, ...], Array]:
+    """Compute a law of the undeformed robot that advances; its torques are neither computed nor certified.
+
+    Open times and speeds are chosen.
 
     Args:
         searched: whether open ones are searched if none of the first ones will do.
 
+    Returns:
+        The law; times and speeds of its crossings; its coefficients above the least degree. These are none if
+        the law of least degree advances, or if the times are open.
+
     Raises:
-        InvalidInput: a time is not inside the motion.
+        InvalidInput: times or speeds of the request do not suit the path.
         NoLaw: no law can cross, or none that advances was found.
     """
     duration = request.fixed_duration
-    if not to_cross.crossing_points:
-        return ()
+    name = to_cross.branch.robot.name
     check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
     for t in request.times or ():
         if not 0 < t < duration:
@@ -315,7 +328,47 @@ def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True)
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values)
 
-    return choose_timing(s, request, measure, to_cross.branch.robot.name, searched=searched)
+    try:
+        timing = choose_timing(s, request, measure, name, searched=searched) if s else ()
+        law = _solve_law(crossings, timing, request, name, NO_HIGH)
+        _check_advance(law, request, to_cross.points, name)
+        return law, timing, NO_HIGH
+    except NoLaw as refusal:
+        if not request.times:
+            raise
+        raised = _raise_degree(crossings, request)
+        if raised is None:
+            refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
+            raise
+        timing, high = raised
+        return _solve_law(crossings, timing, request, name, high), timing, high
+
+
+def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Timing | None:
+    """Find times, speeds and high coefficients of a law of higher degree that advances; None without one."""
+    from framework.planning.raised_polynomial import RaisedDegree  # slow to import, seldom needed
+
+    assert request.times is not None
+    places = [point.s for point, _ in crossings]
+    conditions = [condition for _, condition in crossings]
+    for degree in RAISED_DEGREES:
+        search = RaisedDegree(
+            degree,
+            request.fixed_duration,
+            request.smoothness,
+            places,
+            request.times,
+            conditions,
+            enough=COMFORTABLE_ADVANCE,
+        )
+        raised = search.find(request.speeds)
+        if raised is None:
+            continue
+        timing = _crossing_times(np.array([request.times, raised.speeds]))
+        law = _solve_law(crossings, timing, request, "", raised.high)
+        if law.least_speed_ratio(request.smoothness) > 0.0:
+            return timing, raised.high
+    return None
 
 
 # ------------------------------------------------------------------ times and speeds of crossings
@@ -351,9 +404,9 @@ def choose_timing(
         return _crossing_times(starts[comfortable[0]])
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
-            f"{name}: none of {len(starts)} polynomials through the {len(s)} singular points keeps its speed "
-            f"above {COMFORTABLE_ADVANCE:g} of the mean, and no others are searched; cut the path, take law "
-            f"optimal, or give all times and speeds"
+            f"{name}: the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
+            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean; no others are searched: cut the path, "
+            f"take law optimal, or give all times and speeds"
         )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`

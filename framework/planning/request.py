@@ -16,7 +16,7 @@ from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_friction import motor_friction
 from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, did_you_mean
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
@@ -54,9 +54,12 @@ class Request(PlanOptions):
 
         Raises:
             InvalidInput: an option is invalid; the message lists valid ones.
+            TypeError: an option does not exist.
         """
         expect_robot(robot)
         expect_path(path)
+        for name in options.keys() - OPTIONS.keys():
+            raise TypeError(f"{name!r} is no option of a plan{did_you_mean(name, OPTIONS)}")
         filled_in = {
             "geometry": checked_geometry(robot, options.get("geometry")),
             "smoothness": checked_smoothness(robot, options.get("smoothness")),
@@ -98,12 +101,11 @@ class Request(PlanOptions):
         """The kind of law: polynomial, optimal or auto.
 
         Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
-        for the optimal law. So do limits without a duration, and limits together with times (a contradiction,
-        which is then refused).
+        for the optimal law. So do limits without a duration. Given times ask for the polynomial, which is
+        refused if it exceeds limits.
         """
         asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
-        limits_need_optimal = self.bounded and (self.duration is None or self.times is not None)
-        if asks_for_optimal or limits_need_optimal:
+        if asks_for_optimal or (self.bounded and self.duration is None):
             return "optimal"
         return "polynomial" if self.times is not None else self.law
 

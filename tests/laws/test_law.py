@@ -205,3 +205,20 @@ def test_no_law_advances_through_a_point_twice(smoothness, count):
 def test_no_laws_have_no_measures():
     advances, peaks = speed_ratios_and_peaks(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
     assert advances.shape == peaks.shape == (0,)
+
+
+@pytest.mark.parametrize("smoothness", [2, 4])
+def test_coefficients_of_high_degree_are_kept_and_the_others_meet_the_conditions(smoothness):
+    rng = np.random.default_rng(smoothness)
+    inner = crossing(0.9, 0.55, 1.1, -0.4)
+    high = 1e-2 * rng.normal(size=9)
+    law = Law.rest_to_rest(DURATION, smoothness, inner, high)
+    assert law.degree == 2 * smoothness + 4 + len(high)
+    np.testing.assert_array_equal(law.coefficients[-len(high) :], high)
+    for time, order, value in inner:
+        assert law(time, order) == pytest.approx(value, abs=1e-10)
+    assert law(0.0) == pytest.approx(0.0, abs=1e-13)
+    assert law(DURATION) == pytest.approx(1.0, abs=1e-13)
+    for order in range(1, smoothness + 1):
+        largest = np.abs(law(np.linspace(0.0, DURATION, 1001), order)).max()
+        np.testing.assert_allclose(law(np.array([0.0, DURATION]), order), 0.0, atol=1e-11 * largest)

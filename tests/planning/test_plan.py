@@ -21,6 +21,8 @@ from framework import (
     locate_singularities,
     plan_crossing,
 )
+from framework.laws.law import conditions_at_instants
+from framework.planning.refusals import check_advance
 
 ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -114,9 +116,22 @@ def test_any_smooth_law_will_do_on_a_clear_path(robot):
         inverse_dynamics(robot, LINE, SineLaw())
 
 
-def test_a_law_that_runs_backwards_on_the_way_is_refused(robot):
+def law_of_least_degree(robot, time: float, speed: float) -> tuple[Law, float]:
+    """The polynomial of degree 8 through the singular point of LINE, where s" = 0 is asked for, and its s."""
+    (point,) = locate_singularities(robot, LINE)
+    return Law.rest_to_rest(1.5, 2, conditions_at_instants([time], [(point.s, speed, 0.0)])), point.s
+
+
+def test_a_law_that_runs_backwards_on_the_way_is_refused_and_one_of_higher_degree_found(robot):
+    law, s = law_of_least_degree(robot, 1.2, 2.0)
     with pytest.raises(NoLaw, match="runs backwards at t = "):
-        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0])
+        check_advance(law, [s], "robot")
+    assert plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0]).certificate.monotone
+
+
+def test_a_speed_that_no_law_found_meets_is_refused(robot):
+    with pytest.raises(NoLaw, match=r"it leaves the path at s = 0.* degree 40 found"):
+        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[20.0])
 
 
 def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
@@ -167,5 +182,6 @@ def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8(
 
 
 def test_a_law_that_meets_the_locus_again_is_refused(robot):
+    law, s = law_of_least_degree(robot, 0.15, 0.2)
     with pytest.raises(NoLaw, match="does not always advance"):
-        plan_crossing(robot, LINE, duration=1.5, times=[0.15], speeds=[0.2])
+        check_advance(law, [s], "robot")

@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from framework import NoAnswer, plan_crossing
+import robots
+from framework import Line, NoAnswer, NoLaw, plan_crossing, simulate
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.request import Request
 from framework.singularity.points_on_path import search_path
@@ -18,7 +19,7 @@ from tests.oracles.monotone_laws import advances
 
 SEED, REQUESTS, ROBOTS = 20261128, 200, 42
 EARLIEST, LATEST, APART = 0.2, 0.8, 0.05  # times over the duration; between two of them
-CHEAP = 6  # requests of the plain tests
+CHEAP = (1, 10, 12, 16)  # requests of the plain tests
 
 
 def draw(k: int) -> tuple[Crossing, list[float], bool]:
@@ -47,16 +48,60 @@ def has_monotone_law(one: Crossing, times: list[float], degree: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    "k", [pytest.param(k, marks=() if k < CHEAP else pytest.mark.slow) for k in range(REQUESTS)]
+    "k", [pytest.param(k, marks=() if k in CHEAP else pytest.mark.slow) for k in range(REQUESTS)]
 )
 def test_no_times_are_refused_for_which_the_oracle_finds_a_law(k):
     one, times, _ = draw(k)
+    plan = refusal = None
     try:
         plan = plan_crossing(one.robot, one.path, duration=one.duration, times=times)
-    except NoAnswer as refusal:
+    except NoAnswer as failure:
+        refusal = failure
+    if plan is None:
         assert not has_monotone_law(one, times, degree=24), f"{one.name}: {refusal}"
         return
     np.testing.assert_allclose([crossing.time for crossing in plan.crossings], times, rtol=1e-9)
     assert plan.certificate.monotone
     defect = defects_of(plan)
     assert max(defect.open / max(one.robot.length, 1.0), defect.acceleration, defect.force) < 1e-8
+
+
+OWN = (0.9, 1.0, 1.1)  # of the time that the planner chooses by itself
+
+
+@pytest.mark.parametrize("k", [34, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 9, 17, 20, 41))])
+def test_times_near_the_planners_own_are_not_refused(k):
+    one = rigid_crossing(k)
+    own = plan_crossing(one.robot, one.path, duration=one.duration)
+    times = np.array([crossing.time for crossing in own.crossings])
+    for ratio in OWN:
+        plan = plan_crossing(one.robot, one.path, duration=one.duration, times=times * ratio)
+        np.testing.assert_allclose([crossing.time for crossing in plan.crossings], times * ratio, rtol=1e-9)
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+def test_an_early_time_is_met_by_a_law_of_higher_degree_and_simulated(flexibility):
+    """The polynomials of degree 8 and 12 turn back there."""
+    robot = robots.load("five_bar", flexibility=flexibility)
+    plan = plan_crossing(robot, Line([0.1, 0.345], [-0.05, 0.195]), duration=1.5, times=[0.55])
+    assert plan.law.degree > 12
+    assert plan.certificate.monotone
+    assert plan.crossings[0].time == pytest.approx(0.55, abs=1e-12)
+    assert simulate(robot, plan).tracking_error < 1e-9
+
+
+def test_a_given_speed_is_met_too():
+    robot, path = robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195])
+    plan = plan_crossing(robot, path, duration=1.5, times=[0.6], speeds=[1.0])
+    assert plan.certificate.monotone
+    assert plan.crossings[0].speed == pytest.approx(1.0, abs=1e-9)
+    assert plan.law(0.6, 1) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_given_times_are_planned_within_limits_or_refused_with_what_the_law_needs():
+    robot, path = robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195])
+    request = {"duration": 1.5, "times": [0.7]}
+    peak = max(plan_crossing(robot, path, **request).peak_torque.values())
+    assert plan_crossing(robot, path, **request, margin=0.1, torque_limit=1.2 * peak).crossings[0].time == 0.7
+    with pytest.raises(NoLaw, match=r"the polynomial needs 1\.25 times the limits"):
+        plan_crossing(robot, path, **request, torque_limit=0.8 * peak)

@@ -113,8 +113,9 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     tree.closures += [_closure_in_words(tree, words) for words in options.closures]
     _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
-        unread_effects(tree)  # raises a more precise error if a decisive element is unread
-        raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
+        # raises a more precise error if a decisive element is unread
+        unread = "".join(f"; not read: {effect}" for effect in unread_effects(tree)[:2])
+        raise RobotFileError(f"there is no loop in it: a parallel robot needs at least one closure{unread}")
     _check_closures(tree.closures)
 
     # lock joints; then only loops in which a joint still moves count

@@ -293,3 +293,10 @@ def test_a_rod_goes_to_mujoco_and_comes_back(tmp_path, hinges):
     del said["reference"]
     (closure,) = read_any(tmp_path / "again.xml", **(said | {"platform": "k_body", "motors": ["j"]})).closures
     assert closure.length == pytest.approx(0.42, abs=1e-12)
+
+
+def test_cables_that_pull_are_named_where_there_is_no_loop(tmp_path):
+    pull = f'{spatial("p", "q")}<actuator><motor name="winch" tendon="rod"/></actuator>'
+    words = "no loop in it: .*; not read: motor 'winch': pulls by a spatial tendon, as cable robots do"
+    with pytest.raises(RobotFileError, match=words):
+        read(tmp_path, pull, bodies=RODS, equality="")
