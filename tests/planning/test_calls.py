@@ -32,7 +32,7 @@ def count_calls(function):
 
     former = sys.getprofile()
     gc.collect()
-    gc.disable()  # what other tests have left is not collected, with calls of its own, while calls are counted
+    gc.disable()  # collecting what other tests have left would make calls of its own
     sys.setprofile(count)
     try:
         function()
