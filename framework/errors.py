@@ -309,7 +309,7 @@ class NoLaw(NoAnswer):
 
 @_with_attributes
 class UncontrolledMotions(NoLaw):
-    """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
+    """The path meets a pose, at `s` and `platform`, in which `count` motions are uncontrolled at once.
 
     Each of them asks for a condition (8) of its own; a law meets two by its s'^2 and s", more only where they
     agree, and none where the loop equations themselves let the motions go.

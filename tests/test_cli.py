@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from html import unescape
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -188,7 +189,8 @@ def test_locate_without_a_path_gives_a_line_that_crosses_at_the_nearest_singular
     assert abs(rods_in_line(at["platform"])) < 1e-9
     distance = document("locate", "five_bar")["nearest_singular_pose"]["distance"]
     code, _, err = crossing("locate", "five_bar", "--torque-limit", "1")
-    assert code == 2 and "--torque-limit: of a path" in err
+    assert code == 2
+    assert "--torque-limit: of a path" in err
     assert np.linalg.norm(np.array(at["platform"]) - [0.1, 0.345]) == pytest.approx(distance, rel=1e-6)
 
 
@@ -433,8 +435,10 @@ def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
 
 # command, words of the complaint
 MISUSE = [
-    ("", ["COMMAND"]),
     ("fly", ["'fly'", "robots", "plan"]),
+    ("help convrt", ["'convrt'", "did you mean 'convert'?"]),
+    ("show five_bar --html film.html --port 8000", ["--port", "served page", "try: crossing show five_bar"]),
+    ("show five_bar --port 65536", ["--port", "at most 65535", "'65536'"]),
     ("export five_bar --to mjcf --out a.xml --sample 3", ["did you mean --samples?"]),
     ("robots five_bar", ["unrecognized arguments: five_bar"]),
     ("check", ["ROBOT"]),
@@ -472,7 +476,7 @@ MISUSE = [
 ]
 
 
-@pytest.mark.parametrize(("command", "words"), MISUSE, ids=[command or "nothing" for command, _ in MISUSE])
+@pytest.mark.parametrize(("command", "words"), MISUSE, ids=[command for command, _ in MISUSE])
 def test_misuse_has_exit_code_2_and_is_told_in_one_line(refusal, command, words):
     message = refusal(2, *command.split())
     for word in words:
@@ -531,12 +535,25 @@ def test_options_of_the_laws_that_do_not_go_together(refusal, options, words):
     assert words in refusal(2, "plan", "five_bar", "--scene", "C", *options)
 
 
-@pytest.mark.parametrize("command", [["--help"], ["plan", "--help"]])
-def test_help_is_no_misuse(capfd, command):
+@pytest.mark.parametrize(
+    ("command", "same"), [([], ["--help"]), (["help"], ["--help"]), (["help", "plan"], ["plan", "--help"])]
+)
+def test_help_is_no_misuse(capfd, command, same):
+    texts = []
+    for arguments in (command, same):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 0
+        texts.append(capfd.readouterr().out)
+    assert texts[0] == texts[1]
+    assert "plan" in texts[0]
+
+
+def test_the_version_has_a_short_option(capfd):
     with pytest.raises(SystemExit) as caught:
-        main(command)
+        main(["-V"])
     assert caught.value.code == 0
-    assert "plan" in capfd.readouterr().out
+    assert capfd.readouterr().out == f"crossing {version('parallel-singularity-crossing')}\n"
 
 
 # ------------------------------------------------------------------ in a process of its own

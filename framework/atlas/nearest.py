@@ -29,8 +29,8 @@ import numpy as np
 
 from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
@@ -73,7 +73,7 @@ class NearestSingularPose(ReadOnlyArrays):
     distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
     x: Array | None = None  # (n,) platform coordinates of this pose
     q: Array | None = None  # (nq,)
-    twist: Array | None = None  # (n,) t_s of the escaping motion there, of unit size (`twist_norm`)
+    twist: Array | None = None  # (n,) t_s of the uncontrolled motion there, of unit size (`twist_norm`)
 
     @property
     def status(self) -> str:

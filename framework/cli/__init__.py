@@ -32,13 +32,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from framework.cli.commands import parser_of
+from framework.cli.commands import parser_of, spell_out_help
 from framework.numerics.interruption import Heard, Terminated, defer_signals, exit_code, interruptible
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    arguments = spell_out_help(sys.argv[1:] if arguments is None else arguments)
     with interruptible() as heard:
         try:
             return _run(arguments, heard)

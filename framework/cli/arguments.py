@@ -79,7 +79,14 @@ def take_level(options: Namespace) -> ChosenLevel | None:
 
 def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled at its reference, as `load_mechanism` does."""
-    return ParallelRobot.of(load_mechanism(options))
+    mechanism = load_mechanism(options)
+    robot = ParallelRobot.of(mechanism)
+    if not mechanism.description.reference and robot.q_near is not mechanism.q_near:
+        options.warnings.append(
+            f"{robot.name}: no reference is given; a search has found one within the joints' limits, which "
+            f"`crossing check` prints"
+        )
+    return robot
 
 
 def load_mechanism(options: Namespace) -> Mechanism:

@@ -42,7 +42,10 @@ COMMANDS = {
     "convert": Command(
         "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
         "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
-        ("crossing convert five_bar --out copy", "crossing convert humanoid_ankle --out ankle"),
+        (
+            "crossing convert five_bar --out my",
+            "crossing convert my/five_bar.urdf --close left_tip right_tip revolute --out 5r",
+        ),
         "robots",
         required=("ROBOT", "--out DIR"),
     ),
@@ -165,6 +168,7 @@ COMMANDS = {
 VALUE_COUNTS = {None: 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # largest number of values by `nargs`
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
+VERSION = ("-V", "--version")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -310,18 +314,24 @@ def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
     return numbers if numbers and all(map(NUMBER.fullmatch, numbers)) else None
 
 
+def spell_out_help(arguments: Sequence[str]) -> list[str]:
+    """Write `help`, `help COMMAND`, or no argument at all, with --help."""
+    if not arguments:
+        return ["--help"]
+    if arguments[0] == "help":
+        return [*arguments[1:2], "--help"]
+    return list(arguments)
+
+
 def _check_first(arguments: Sequence[str]) -> None:
     """Raise `Misuse` for arguments that begin with neither a command nor a general option."""
     first = arguments[0] if arguments else "--help"
     meant = next((word for word in arguments if word in COMMANDS), None)
-    if first == "help":
-        instead = f"crossing {meant} --help" if meant else "crossing --help"
-        raise Misuse("help is an option, --help, and stands behind the command", instead)
     if not first.startswith("-"):
         from framework.errors import choose_from
 
         raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
-    if meant and first not in ("-h", "--help", "--version"):
+    if meant and first not in ("-h", "--help", *VERSION):
         index = arguments.index(meant)
         instead = shlex.join(["crossing", *arguments[index:], *arguments[:index]])
         raise Misuse(f"{first}: options stand behind the command", instead)
@@ -334,17 +344,18 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
     """
     parser = OneLineParser(
         prog="crossing",
-        usage="%(prog)s COMMAND [options], %(prog)s COMMAND --help",
-        description="Carry parallel robots through Type 2 singularities with finite motor torques.",
+        usage="%(prog)s COMMAND [options], %(prog)s help COMMAND",
+        description="Carry parallel robots through Type 2 singularities with finite motor torques. "
+        "With --json every command answers in one JSON object, for programs.",
         examples=FIRST_EXAMPLES,
     )
     parser.set_defaults(json=False)
     version_text = ""
-    if arguments and arguments[0] == "--version":
+    if arguments and arguments[0] in VERSION:
         from importlib.metadata import version  # takes time to import
 
         version_text = f"crossing {version('parallel-singularity-crossing')}"
-    parser.add_argument("--version", action="version", version=version_text, help="say the version and end")
+    parser.add_argument(*VERSION, action="version", version=version_text, help="say the version and end")
     commands = parser.add_subparsers(
         title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
     )

@@ -17,6 +17,7 @@ from framework.cli.parser import (
     add_overwrite,
     add_path_and_motion,
     add_robot_or_plan,
+    integer_between,
     not_empty,
 )
 from framework.errors import InvalidInput, NoAnswer
@@ -46,6 +47,12 @@ def add_show_options(parser: OneLineParser) -> None:
     )
     add_overwrite(parser)
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
+    parser.add_argument(
+        "--port",
+        type=integer_between(0, 65535),
+        metavar="N",
+        help="of the served page, such as 8000 (default: a free one)",
+    )
 
 
 def run_show(options: Namespace) -> Report:
@@ -54,8 +61,10 @@ def run_show(options: Namespace) -> Report:
 
     if options.html is not None and options.picture is not None:
         raise InvalidInput("--picture: give either --picture or --html").advising({"picture": None})
-    films = _make_films(options)
     file = options.picture or options.html
+    if file is not None and options.port is not None:
+        raise InvalidInput("--port: is of a served page, and a file is asked for").advising({"port": None})
+    films = _make_films(options)
     if file is not None:
         filmed = films or [_film_first_crossing(options)]
         if options.picture is None:
@@ -140,7 +149,8 @@ def _serve_page(options: Namespace, page: str, robot: ParallelRobot | None) -> R
     """Serve a page on this machine until interrupted, and open the browser."""
     from framework.show.jogging import PageServer, move_by_hand
 
-    server = PageServer(page, None if robot is None else lambda message: move_by_hand(robot, message))
+    reply = None if robot is None else lambda message: move_by_hand(robot, message)
+    server = PageServer(page, reply, port=options.port or 0)
     options.progress.end()
     # with --json, stdout is for the one object at the end
     tell(f"{server.address}  (Ctrl-C ends)", aside=options.json)

@@ -26,8 +26,10 @@ from framework.dynamics.elasticity import (
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
+    MissingForces,
     between_nodes,
     check_idle_joints,
+    find_missing_forces,
     measure_residuals,
     unresolved_error,
     unseen_near_miss,
@@ -56,7 +58,6 @@ from framework.errors import (
     check_choice,
     expect_call,
 )
-from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
@@ -241,12 +242,13 @@ def resolve(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        result = replace(result, certificate=measure_residuals(searched.branch, solution, result))
+        missing = find_missing_forces(searched.branch, solution, result)
+        result = replace(result, certificate=measure_residuals(solution, result, missing))
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
             if unseen is None:
-                return _check_result(searched.branch, solution, result, friction)
+                return _check_result(robot, solution, result, missing, friction)
 
     # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
@@ -425,7 +427,9 @@ class _Refinement:
         return replace(result, crossings=self.crossings)
 
 
-def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, friction: str) -> InverseDynamics:
+def _check_result(
+    robot: ParallelRobot, solution: Pass, result: InverseDynamics, missing: MissingForces, friction: str
+) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
@@ -436,10 +440,9 @@ def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, frict
     Raises:
         UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
-    robot = branch.robot
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
     check_crossings(robot, solution, result)
-    certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, solution, result))
+    certificate = replace(result.certificate, max_held_torque=check_idle_joints(robot, missing))
     planned_friction = PlannedFriction.from_speed(
         motor_friction(robot, friction),
         lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],

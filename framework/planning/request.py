@@ -16,7 +16,7 @@ from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_friction import motor_friction
 from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, did_you_mean
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
@@ -54,9 +54,12 @@ class Request(PlanOptions):
 
         Raises:
             InvalidInput: an option is invalid; the message lists valid ones.
+            TypeError: an option does not exist.
         """
         expect_robot(robot)
         expect_path(path)
+        for name in options.keys() - OPTIONS.keys():
+            raise TypeError(f"{name!r} is no option of a plan{did_you_mean(name, OPTIONS)}")
         filled_in = {
             "geometry": checked_geometry(robot, options.get("geometry")),
             "smoothness": checked_smoothness(robot, options.get("smoothness")),

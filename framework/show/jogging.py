@@ -238,9 +238,16 @@ class PageServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, page: str, answer: Answer | None = None) -> None:
-        """Listen on a free port; `answer` replies to the messages of the page."""
-        super().__init__(("127.0.0.1", 0), _Handler)
+    def __init__(self, page: str, answer: Answer | None = None, *, port: int = 0) -> None:
+        """Listen on a port, a free one for 0; `answer` replies to the messages of the page.
+
+        Raises:
+            InvalidInput: the port is taken, or not for this user.
+        """
+        try:
+            super().__init__(("127.0.0.1", port), _Handler)
+        except OSError as error:
+            raise InvalidInput(f"port {port}: {error.strerror or error}").advising({"port": None}) from None
         self.page = page.encode("utf-8")
         self.answer = answer
         self.one_at_a_time = threading.Lock()

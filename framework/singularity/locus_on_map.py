@@ -354,8 +354,8 @@ def _compare_branches(
     A point is on the branch if a step of inverse kinematics from the nearest pose leads to the configuration
     of the point, and off the branch if the step leads elsewhere. Where the inverse kinematics is singular,
     too, the step fails. Then the point counts as on the branch if its joints are no farther from the nearest
-    pose than those of the farthest neighbour. Points at and beyond the edge of the reached poses may be
-    neither on nor off.
+    pose than those of the farthest neighbour, and no leg flips between them. Points at and beyond the edge of
+    the reached poses may be neither on nor off.
 
     Returns:
         Masks (m,) of the points on the branch, and of the points off the branch.
@@ -377,6 +377,11 @@ def _compare_branches(
 
     # whether the point is no farther away than the farthest neighbour
     is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
+    if equations.robot.structure.varies:  # else tracing stays in the mode
+        near, point = (
+            ModeStates.of(equations.robot, linearised_at(equations.robot, p)) for p in (nearest_q, q)
+        )
+        is_among &= share_working_mode(equations.robot, near, point)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
     is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))
     return is_on, is_off

@@ -11,7 +11,7 @@ import numpy as np
 from framework.errors import InvalidInput, Type1Singularity
 from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
-from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
+from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -56,10 +56,10 @@ class SingularPoint(ReadOnlyArrays):
     s: float
     kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
     contact: str  # of the path with the locus: transversal, tangential or imposed
-    corank: int  # number of motions that escape at once
+    corank: int  # number of motions that are uncontrolled at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,) coordinates x
-    slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
+    slope: float  # dg/ds; of corank > 1 the least slope of the singular values, without sign
     motion: Array  # (nv,) joint rates of the twist
     pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
@@ -139,7 +139,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
     type1 = _measure_type_1(branch)
-    if not robot.n_p:  # every joint has a motor: no motion escapes
+    if not robot.n_p:  # every joint has a motor: no motion is uncontrolled
         return SearchedPath(branch, ())
 
     # the Type 2 matrix on the same branch: P, or with redundant motors P'P, whose singular values are squares
@@ -174,8 +174,8 @@ def locate_singularities(
     Raises:
         OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
         SingularPath: the path runs along the singular locus.
-        UncontrolledMotions: several motions escape too close to one another to be told apart, or at an end of
-            the path.
+        UncontrolledMotions: several motions are uncontrolled too close to one another to be told apart, or at
+            an end of the path.
         NotConverged: g cannot be resolved, or dropped loop equations are needed; the message says where.
     """
     return search_path(robot, path, branch=branch).points
@@ -272,7 +272,7 @@ def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
 def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
-    Each singular value of the passive matrix that vanishes at s belongs to one escaping motion. If two or
+    Each singular value of the passive matrix that vanishes at s belongs to one uncontrolled motion. If two or
     more vanish, the error names their number. Otherwise the error is `unresolved` itself.
     """
     branch = passive.branch
@@ -284,7 +284,7 @@ def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Except
     if count < 2:
         return unresolved
     reason = "the path passes a singularity, or so near to one that it cannot be told from it"
-    return escape_error(branch.robot, s, branch.path(s), count, reason)
+    return uncontrolled_error(branch.robot, s, branch.path(s), count, reason)
 
 
 def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
@@ -320,11 +320,11 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
 def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
-    If several motions escape, the result is the least slope of their singular values, without sign.
+    If several motions are uncontrolled, the result is the least slope of their singular values, without sign.
 
     Args:
         passive: the matrix of the passive columns.
-        corank: number of motions that escape at s.
+        corank: number of uncontrolled motions at s.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
@@ -344,8 +344,8 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
 
     From g(s, q_e) = 0 it is -(dg/dq_e) / (dg/ds), with the loops closed. The deflections of a moving robot
     depend on its motion, and at rest none exist near a Type 2 singularity. So without a motion only this
-    derivative is known. It is NaN if several motions escape at once, or if the path touches the locus without
-    crossing it: small deflections split such a point or remove it.
+    derivative is known. It is NaN if several motions are uncontrolled at once, or if the path touches the
+    locus without crossing it: small deflections split such a point or remove it.
     """
     robot = branch.robot
     n_e = robot.n_e

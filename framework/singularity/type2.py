@@ -55,17 +55,17 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     `PRECEDENCE` is returned; `classify` lists all of them, and decides whether the configuration is singular
     at all.
     """
-    escaping = escaping_motions(robot, linearised, at_least=1)
-    kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
-    twists = escaping.motions @ linearised.platform[0].T  # (corank, n)
-    twist, motion = twists[-1], escaping.motions[-1]  # those of the least singular value
+    space = uncontrolled_space(robot, linearised, at_least=1)
+    kind = next(kind for kind in PRECEDENCE if kind in space.kinds)
+    twists = space.motions @ linearised.platform[0].T  # (corank, n)
+    twist, motion = twists[-1], space.motions[-1]  # those of the least singular value
     if kind != "type_2":
-        return Uncontrolled(kind, np.zeros_like(twist), motion, escaping.corank)
+        return Uncontrolled(kind, np.zeros_like(twist), motion, space.corank)
     if _count_rank(twist[None]) == 0:  # the platform rests in this motion, but another motion moves it
         k = np.argmax(np.linalg.norm(twists, axis=1))
-        twist, motion = twists[k], escaping.motions[k]
+        twist, motion = twists[k], space.motions[k]
     scale = twist_norm(robot, twist)
-    return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
+    return Uncontrolled(kind, twist / scale, motion / scale, space.corank)
 
 
 def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Uncontrolled:
@@ -84,18 +84,22 @@ def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 
 
-class EscapingMotions(NamedTuple):
+class UncontrolledSpace(NamedTuple):
     """All motions that the loops allow with locked motors, at one configuration."""
 
     kinds: frozenset[str]  # of PRECEDENCE
     motions: Array  # (c, nv) independent joint rates, those of the least singular value last
-    corank: int  # c, at least `at_least`
     freedoms: int  # instantaneous freedoms with motors free; more than usual where the loops lose rank
 
+    @property
+    def corank(self) -> int:
+        """The number c of these motions."""
+        return len(self.motions)
 
-def escaping_motions(
+
+def uncontrolled_space(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
-) -> EscapingMotions:
+) -> UncontrolledSpace:
     """Compute the motions with locked motors, the null space of P (T = 1), and their kinds.
 
     Args:
@@ -123,14 +127,14 @@ def escaping_motions(
         kinds.add("constraint" if gains_freedom else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
-    if corank > gained:  # more motions escape than the loops have gained
+    if corank > gained:  # more motions are uncontrolled than the loops have gained
         # of the motions gained, those of a closure singularity do not move the platform
         gained_by_platform = 0 if "closure" in kinds else gained
         if rank_on_axes > gained_by_platform:
             kinds.add("type_2")
         if corank > max(rank, gained):  # the platform rests in some motions
             kinds.add("leg_passive")
-    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
+    return UncontrolledSpace(frozenset(kinds), motions, freedoms.shape[1])
 
 
 def _count_rank(rows: Array) -> int:
@@ -173,7 +177,7 @@ def has_signed_measure(robot: ParallelRobot) -> bool:
 def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the g (T,) of `singularity_measure` alone, in half of the time."""
     P = type2_matrix(robot, linearised)
-    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion is uncontrolled
         return np.ones(len(P))
     return np.asarray(least_singular_values(P) * np.linalg.slogdet(P).sign)
 
@@ -192,7 +196,7 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     singular values are equal. So roots are found on the smooth measures of `bordered_system` instead.
     """
     P = type2_matrix(robot, linearised)
-    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion is uncontrolled
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
     eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values, with arbitrary signs
@@ -210,7 +214,7 @@ class MeasureGradient(NamedTuple):
     """The bordered scalar g of a square P and its gradient, at T configurations."""
 
     g: Array  # (T,)
-    eta: Array  # (T, n_p) dimensionless passive rates closest to an escaping motion, c' eta = 1
+    eta: Array  # (T, n_p) dimensionless passive rates closest to an uncontrolled motion, c' eta = 1
     by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from robots.generators.elements import (
     Element,
     Limit,
-    Value,
     cylinder,
     document,
     fixed,
@@ -66,25 +65,25 @@ def urdf() -> str:
 
 
 def _leg(leg: str) -> list[Element | str]:
-    side, knee = f"side_{leg}", f"bracket_{leg}"
+    knee, turn = f"bracket_{leg}", (0, 0, YAW[leg])
+    x = np.cos(YAW[leg]) * BASE
     middle = origin((0.5 * ARM, 0, 0), (0, np.pi / 2, 0))
     return [
         f"  <!-- Leg {leg}. -->",
-        *fixed(f"leg_{leg}", "base", side, (0, 0, 0), (0, 0, YAW[leg])),
-        _hinge(f"motor_{leg}", side, f"arm_{leg}", (BASE, 0, 0), (-2.2, 3.2, 200, 40)),
+        _hinge(f"motor_{leg}", "base", f"arm_{leg}", origin((x, 0, 0), turn), (-2.2, 3.2, 200, 40)),
         link(
             f"arm_{leg}",
             solid_cylinder(ARM_MASS, ARM_RADIUS, ARM, "x", (0.5 * ARM, 0, 0)),
             shape(cylinder(ARM_RADIUS, ARM), middle, "arm"),
         ),
-        _hinge(f"idle_{leg}", side, f"idler_{leg}", (BASE, 0, LIFT)),
+        _hinge(f"idle_{leg}", "base", f"idler_{leg}", origin((x, 0, LIFT), turn)),
         link(
             f"idler_{leg}",
             solid_cylinder(IDLER_MASS, ROD_RADIUS, ARM, "x", (0.5 * ARM, 0, 0)),
             shape(cylinder(ROD_RADIUS, ARM), middle, "rod"),
         ),
         *fixed(f"idler_{leg}_end", f"idler_{leg}", f"idler_tip_{leg}", (ARM, 0, 0)),
-        _hinge(f"knee_{leg}", f"arm_{leg}", knee, (ARM, 0, 0)),
+        _hinge(f"knee_{leg}", f"arm_{leg}", knee, origin((ARM, 0, 0))),
         link(
             knee,
             solid_cylinder(BRACKET_MASS, BRACKET_RADIUS, LIFT, "z", (0, 0, 0.5 * LIFT)),
@@ -101,7 +100,7 @@ def _rod(leg: str, rod: str) -> list[Element]:
     """A rod of the bracket, which hangs at 0, and the frame at its tip."""
     name, middle = f"{leg}{rod}", (0, 0, -0.5 * ROD)
     return [
-        _hinge(f"swing_{name}", f"bracket_{leg}", f"rod_{name}", (_across(rod), 0, 0)),
+        _hinge(f"swing_{name}", f"bracket_{leg}", f"rod_{name}", origin((_across(rod), 0, 0))),
         link(
             f"rod_{name}",
             solid_cylinder(ROD_MASS, ROD_RADIUS, ROD, "z", middle),
@@ -115,7 +114,7 @@ def _platform() -> list[Element | str]:
     """The platform on rod ra, and the places of the other rods."""
     parts: list[Element | str] = [
         "  <!-- The platform. -->",
-        _hinge("wrist", "tip_ra", "seat_ra", (0, 0, 0)),
+        _hinge("wrist", "tip_ra", "seat_ra", origin()),
         link("seat_ra"),
         joint("platform_centre", "fixed", "seat_ra", "platform", origin((-PLATFORM - _across("a"), 0, 0))),
         link(
@@ -136,6 +135,6 @@ def _across(rod: str) -> float:
     return (0.5 if rod == "b" else -0.5) * WIDTH
 
 
-def _hinge(name: str, parent: str, child: str, xyz: Value, limit: Limit = (-4.5, 4.5, 0, 100)) -> Element:
+def _hinge(name: str, parent: str, child: str, place: Element, limit: Limit = (-4.5, 4.5, 0, 100)) -> Element:
     """A hinge about the leg's y; without a motor its effort is 0."""
-    return joint(name, "revolute", parent, child, origin(xyz), "0 1 0", limit)
+    return joint(name, "revolute", parent, child, place, "0 1 0", limit)

@@ -195,7 +195,7 @@ def test_the_options_declared_once_are_those_of_every_place_that_has_them(robot)
 
 
 def test_an_option_that_is_not_declared_is_no_argument(robot):
-    with pytest.raises(TypeError, match="durations"):
+    with pytest.raises(TypeError, match="'durations' is no option of a plan; did you mean 'duration'"):
         plan_crossing(robot, LINE, durations=1.5)
 
 

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 import robots
-from framework import assemble
+from framework import InvalidInput, assemble
 from framework.show.jogging import MAX_REQUEST_BYTES, PageServer, move_by_hand
 
 ROBOT = robots.load("five_bar")
@@ -48,6 +48,12 @@ def test_the_page_is_at_the_address(server, ask):
     assert ask("GET", "/") == (200, b"<p>the page</p>")
     assert ask("GET", "/else")[0] == 404
     assert ask("GET", "/../pyproject.toml")[0] == 404
+
+
+def test_a_port_that_is_taken_is_refused_in_one_line(server):
+    with pytest.raises(InvalidInput, match=f"port {server.server_port}: Address already in use") as refused:
+        PageServer("", port=server.server_port)
+    assert refused.value.remedy == {"port": None}
 
 
 def test_a_slider_is_answered(ask):

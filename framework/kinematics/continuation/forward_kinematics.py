@@ -3,7 +3,7 @@
 The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the matrix P of
 the passive columns of the loop equations is regular, and the branch leads to the pose in the assembly mode of
 the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is called
-Type 2 here, whether the platform escapes or only joints inside a leg; `singularity.pose_classes`
+Type 2 here, whether the platform moves or only joints inside a leg; `singularity.pose_classes`
 distinguishes the two.
 
 All curves of a stack of motor angles are followed together from one start. In a stream of motor angles each
@@ -171,17 +171,23 @@ class PoseStack(ReadOnlyArrays):
     refused: Mapping[int, NotAssembled]  # errors by row; a `Type2Singularity` says where it lies
 
 
-def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
-    """Compute the poses for T sets of motor joints (T, n_a), each from the reference.
+def forward_kinematics_stack(
+    robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
+) -> PoseStack:
+    """Compute the poses for T sets of motor joints (T, n_a), each from one start pose.
+
+    Args:
+        near: an assembled configuration (nq,) to start from, the reference by default.
 
     Raises:
-        InvalidInput: q_a has the wrong shape or is not finite, or no motor can move alone. The errors of
-            single rows (Type2Singularity, NotAssembled) are in `refused` of the result.
+        InvalidInput: q_a or near has the wrong shape or is not finite, the loops are open at near, or no
+            motor can move alone. The errors of single rows (Type2Singularity, NotAssembled) are in `refused`
+            of the result.
     """
     expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
-    start = start_pose(robot)
+    start = start_pose(robot, near)
     ends = follow_curves(robot, start.curve, start.linearised, targets)
     linearised = linearised_at(robot, ends.q)
     refused: dict[int, NotAssembled] = {}

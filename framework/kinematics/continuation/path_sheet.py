@@ -35,6 +35,7 @@ from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
 # nodes of a panel; an even number, so that none is in the middle, where crossings often are
 SHEET_NODES = 32
 COARSE_NODES = 9  # first nodes of a panel, from whose polynomial the others are closed
+COARSE_STEP = 1e-2  # [rad, lengths] last Newton step at these; it leaves an error of about its square
 MAX_STEPS = 7  # of Newton's method; a panel that needs more is halved
 MIN_SHEET_PANEL = 1 / 32  # width in s; where this is too wide, the branch is followed step by step
 
@@ -119,7 +120,7 @@ def _close_panel(
         platform_step = -robot.platform.residual(pose_of_each, coarse_x)  # (COARSE_NODES, n)
         step = joint_rates(robot, pose, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
         guess = integrate(robot, q, step)
-        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=1e-2)
+        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=COARSE_STEP)
         if not coarse.closed.all():
             return None
         offsets = _from_coarse_nodes() @ difference(robot, q, coarse.q)  # (SHEET_NODES, nv)

@@ -10,6 +10,7 @@ from framework.kinematics.continuation.forward_kinematics import follow_motors, 
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at, type1_matrix
+from framework.proofs.assembly_modes import assembly_modes
 from tests.kinematics.continuation.small_steps import are_same, turn
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -58,6 +59,26 @@ def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
     assert error_against_inverse_kinematics(robot, q, stack.x[arrived], rng) < 1e-12
     off = ~are_same(robot, turn(robot, turns[arrived], STEPS), q)
     assert are_same(robot, turn(robot, turns[arrived][off], 64 * STEPS), q[off]).all()
+
+
+def test_a_stack_starts_in_the_mode_of_the_pose_that_is_given():
+    """Each assembly mode of the 5R, from its own pose: two circles meet in mirror images about a line."""
+    robot = robots.load("five_bar")
+    q_a = robot.actuated_coordinates(robot.reference.q[None])
+    first, second = assembly_modes(robot, q_a[0]).modes
+    nearby = q_a + np.array([[0.0, 0.0], [0.02, -0.03], [-0.04, 0.01]])
+    stacks = [forward_kinematics_stack(robot, nearby, near=mode.q) for mode in (first, second)]
+    for mode, stack in zip((first, second), stacks, strict=True):
+        assert not stack.refused
+        np.testing.assert_allclose(stack.x[0], mode.x, atol=1e-12)
+    data = robot.model.createData()
+    for k, q in enumerate(stacks[0].q):
+        kinematics(robot.model, data, q, np.zeros(robot.model.nv))
+        for elbow in ("left_elbow", "right_elbow"):  # where the motors hold them
+            place = data.oMi[robot.model.getJointId(elbow)].translation[:2]
+            rods = [np.linalg.norm(stack.x[k] - place) for stack in stacks]
+            assert rods[0] == pytest.approx(rods[1], abs=1e-12)
+    assert np.linalg.norm(stacks[0].x - stacks[1].x, axis=1).min() > 0.1
 
 
 def test_a_stream_that_meets_type_2_ends_between_the_samples_around_it():
