@@ -70,7 +70,7 @@ class NearestSingularPose(ReadOnlyArrays):
     distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
     x: Array | None = None  # (n,) platform coordinates of this pose
     q: Array | None = None  # (nq,)
-    twist: Array | None = None  # (n,) t_s of the escaping motion there, of unit size (`twist_norm`)
+    twist: Array | None = None  # (n,) t_s of the uncontrolled motion there, of unit size (`twist_norm`)
 
     @property
     def status(self) -> str:

@@ -194,7 +194,7 @@ def measure_crossings(
     inertial_force = robot.mass * robot.length / law.duration**2
     crossings = []
     for (t, singular), r in zip(crossed, at_points, strict=True):
-        eta = singular.motion[None]  # (corank, nv) joint rates of the escaping motions
+        eta = singular.motion[None]  # (corank, nv) joint rates of the uncontrolled motions
         if singular.corank > 1:
             eta = escaping_motions(robot, singular.pose, at_least=singular.corank).motions
         sizes = np.abs(np.vstack([r, along])) @ np.abs(eta).T  # (1 + M, corank)

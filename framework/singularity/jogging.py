@@ -34,7 +34,7 @@ from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 from framework.tolerances import NEAR_SINGULAR_RATIO, SINGULAR_RATIO
 
-# Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
+# Largest motion of the platform along t_s, to show an uncontrolled motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8

@@ -246,7 +246,7 @@ def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
 def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
-    Each singular value of the passive matrix that vanishes at s belongs to one escaping motion. If two or
+    Each singular value of the passive matrix that vanishes at s belongs to one uncontrolled motion. If two or
     more vanish, the error names their number. Otherwise the error is `unresolved` itself.
     """
     branch = passive.branch

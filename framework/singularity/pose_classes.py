@@ -67,7 +67,7 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Classification(ReadOnlyArrays):
-    """The kinds of singularity of a pose of a robot with c escaping motions, and its distances.
+    """The kinds of singularity of a pose of a robot with c uncontrolled motions, and its distances.
 
     Torques per newton balance a force on the platform in the worst direction of its translations. They are
     infinite if t_s moves the platform's point, and NaN for a platform that only turns.
@@ -219,7 +219,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
 
     Args:
         along: rates (n,) of the platform's coordinates in the direction.
-        corank: number of escaping motions.
+        corank: number of uncontrolled motions.
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist, _ = robot.platform.twist(closed.x, dx[None])

@@ -8,9 +8,9 @@ joint space with a fixed seed, and from the branch points of traced curves. A cu
 branch leads is missed: completeness is not claimed.
 
 Curves are followed in a `Region` about a pose, in one working mode or in all. At a cusp the slope of g along
-the escaping motion changes its sign. If det [dF/du ; t'] changes its sign between two points, another curve
-crosses between them. The simple branch point is bracketed, and the tangent of the other curve follows from
-the algebraic bifurcation equation psi' F"(w, w) = 0 over the plane of both tangents (Allgower and Georg,
+the uncontrolled motion changes its sign. If det [dF/du ; t'] changes its sign between two points, another
+curve crosses between them. The simple branch point is bracketed, and the tangent of the other curve follows
+from the algebraic bifurcation equation psi' F"(w, w) = 0 over the plane of both tangents (Allgower and Georg,
 Introduction to Numerical Continuation Methods, SIAM 2003, chapter 8).
 """
 
@@ -228,7 +228,7 @@ def _kind_at(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
 
 
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
-    """Find the cusps of a curve of m points, where the slope of g along the escaping motion changes sign.
+    """Find the cusps of a curve of m points, where the slope of g along the uncontrolled motion changes sign.
 
     The motion itself, with passive rates eta, may have opposite signs at two neighbours. Then eta and the
     slope of the second one are negated. Intervals with a branch point are left out: a second motion escapes

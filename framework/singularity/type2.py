@@ -215,7 +215,7 @@ class MeasureGradient(NamedTuple):
     """The bordered scalar g of a square P and its gradient, at T configurations."""
 
     g: Array  # (T,)
-    eta: Array  # (T, n_p) dimensionless passive rates closest to an escaping motion, c' eta = 1
+    eta: Array  # (T, n_p) dimensionless passive rates closest to an uncontrolled motion, c' eta = 1
     by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
 
 

@@ -6,7 +6,7 @@ Otherwise the step is halved.
 
 A branch may end on a singularity. While the motors turn, or the platform follows its path, the loop equations
 F(y, s) = 0 define a curve in the joints y that follow and the share s of the prescribed motion. If the
-prescribed motion excites the escaping motion, the curve remains smooth where M = dF/dy loses rank: only s
+prescribed motion excites the uncontrolled motion, the curve remains smooth where M = dF/dy loses rank: only s
 turns back. So the curve is parametrised by t = c . y instead of s, with the unit vector c along dy/ds at the
 start, and
 
