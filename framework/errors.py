@@ -188,7 +188,7 @@ def expect_call(what: str, given: object, attributes: Sequence[str], such_as: st
 def check_order(order: object, highest: int | None = None) -> None:
     """Raise InvalidInput unless this can be the order of a derivative, 0 for the value itself."""
     whole = isinstance(order, int | np.integer) and not isinstance(order, bool)
-    if not whole or int(order) < 0 or (highest is not None and int(order) > highest):  # type: ignore[call-overload]
+    if not whole or order < 0 or (highest is not None and order > highest):  # type: ignore[operator]
         valid = "of at least 0" if highest is None else f"from 0 to {highest}"
         raise InvalidInput(f"order: must be a whole number {valid}, got {short(order)}")
 
@@ -203,6 +203,8 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
 
 def real_numbers(what: str, given: ArrayLike) -> Array:
     """Return real numbers, which may be infinite, as an array; raise InvalidInput for anything else."""
+    if type(given) is np.ndarray and given.dtype == float:
+        return given
     try:
         if not np.iscomplexobj(given):  # whose imaginary parts numpy would drop
             return np.asarray(given, dtype=float)
@@ -307,7 +309,7 @@ class NoLaw(NoAnswer):
 
 @_with_attributes
 class UncontrolledMotions(NoLaw):
-    """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
+    """The path meets a pose, at `s` and `platform`, in which `count` motions are uncontrolled at once.
 
     Each of them asks for a condition (8) of its own; a law meets two by its s'^2 and s", more only where they
     agree, and none where the loop equations themselves let the motions go.

@@ -75,7 +75,7 @@ TRIED = [  # a wrong command line, its exit code, what to try
         1,
         "plan five_bar --scene C --law optimal",
     ),  # a motion that runs back
-    ("pose five_bar --motors 1.27 4.5", 1, "pose five_bar --motors 1.27 4.5 --all"),
+    ("pose five_bar --motors 1.27 -5.2", 1, "pose five_bar --motors 1.27 -5.2 --all"),
     ("plan five_bar --scene C --law optimal --torque-limit=0.01", 1, None),  # a duration
 ]
 SLOW = {  # optimal laws; the plain suite tries the one of scene B
@@ -291,3 +291,12 @@ def test_no_reference_is_advised_at_which_no_command_works(kind, write_robot, ca
     assert "try:" not in told.err
     assert "A is not square" in told.err
     assert "look at tip first" in told.out
+
+
+@pytest.mark.parametrize("motors", ["1.27 4.5", "3.1 0"])
+def test_all_modes_are_not_advised_where_none_has_a_pose(capsys, motors):
+    """The tips of both arms are farther apart than both rods are long together."""
+    code, out, err = run(capsys, f"pose five_bar --motors {motors}")
+    assert (code, out) == (1, "")
+    assert "try:" not in err
+    assert "0 real" in run(capsys, f"pose five_bar --motors {motors} --all")[1]

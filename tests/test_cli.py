@@ -188,6 +188,9 @@ def test_locate_without_a_path_gives_a_line_that_crosses_at_the_nearest_singular
     (at, *_) = document("locate", "five_bar", *line.split())["singularities"]
     assert abs(rods_in_line(at["platform"])) < 1e-9
     distance = document("locate", "five_bar")["nearest_singular_pose"]["distance"]
+    code, _, err = crossing("locate", "five_bar", "--torque-limit", "1")
+    assert code == 2
+    assert "--torque-limit: of a path" in err
     assert np.linalg.norm(np.array(at["platform"]) - [0.1, 0.345]) == pytest.approx(distance, rel=1e-6)
 
 

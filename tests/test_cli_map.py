@@ -74,7 +74,8 @@ def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["four_bar"], "two platform coordinates"),
+        (["four_bar", "--over", "x", "y"], "rz alone"),
+        (["four_bar", "--window", "0", "1", "0", "1"], "--window"),
         (["five_bar", "--quantity", "beauty"], "unknown quantity"),
         (["five_bar", "--over", "x", "z"], "axes of a map"),
         (["five_bar", "--window", "1", "0", "0", "1"], "window"),

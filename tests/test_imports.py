@@ -60,6 +60,7 @@ QUESTIONS = {
     "framework.kinematics.diagnostics.mobility": None,
     "framework.kinematics.parallel_robot": {"ParallelRobot"},
     "framework.kinematics.assembly": {"configuration", "remark_on_turns"},
+    "framework.kinematics.assembly_search": {"can_close", "find_closed_pose"},
     "framework.kinematics.placements": None,
     "framework.kinematics.platform": {"FramePlatform"},
     "framework.kinematics.continuation.tracking": {"assemble", "remark_on_reach"},

@@ -28,7 +28,7 @@ from framework.atlas.map_files import (
     write_document_and_arrays,
 )
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_loaded, quantity_unit
-from framework.atlas.survey import Window, map_axes, survey_window
+from framework.atlas.survey import Window, grid_shape, map_axes, survey_window
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
@@ -42,6 +42,7 @@ from framework.numerics.output import package_versions
 DESIGNS_PER_TASK = 4
 MAX_DESIGNS = 1_000_000
 DOCUMENT = "study.json"
+SIZES = {1: "stroke", 2: "area"}  # column of what is reached, by the number of axes
 
 
 class Designs(NamedTuple):
@@ -57,7 +58,7 @@ class StudyTask(NamedTuple):
     file: str  # robot file
     names: tuple[str, ...]  # of the parameters
     flexibility: str  # of the robots
-    axes: tuple[str, str]  # names of the two platform coordinates of the maps
+    axes: tuple[str, ...]  # names of the platform coordinates of the maps, two or the only one
     window: tuple[float, ...] | None  # least and largest value of each axis; None: the reach of each robot
     size: int  # poses along an edge
     keys: tuple[str, ...]  # of `QUANTITIES`
@@ -155,9 +156,10 @@ def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
 
 
 def column_names(task: StudyTask) -> tuple[str, ...]:
-    """Return the names of the columns: areas, then least, median and largest of each quantity."""
-    loaded = ["carried_area"] if has_loaded([QUANTITIES[key] for key in task.keys]) else []
-    return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
+    """Return the names of the columns: areas or strokes, then statistics of each quantity."""
+    size = SIZES[len(task.axes)]
+    loaded = [f"carried_{size}"] if has_loaded([QUANTITIES[key] for key in task.keys]) else []
+    return (size, f"free_{size}", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
@@ -165,10 +167,12 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
 
     A quantity has the columns `{key}_least`, `{key}_median` and `{key}_largest`.
     """
-    unit_1, unit_2 = ("m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes))
-    area_unit = f"{unit_1}^2" if unit_1 == unit_2 else "m rad"
-    # area, free_area and carried_area; no quantity's column ends with "area"
-    units = {key: area_unit for key in column_names(task) if key.endswith("area")}
+    units_of_axes = ["m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)]
+    size_unit = {1: units_of_axes[0], 2: "m rad"}[len(units_of_axes)]
+    if units_of_axes[1:] == units_of_axes[:1]:
+        size_unit = f"{units_of_axes[0]}^2"
+    # such as area, free_area and carried_area; no quantity's column ends with a size
+    units = {key: size_unit for key in column_names(task) if key.endswith(tuple(SIZES.values()))}
     for quantity in choose_quantities(robot, task.keys):
         unit = quantity_unit(robot, quantity)
         units |= {f"{quantity.key}_{part}": unit for part in STATISTICS}
@@ -182,15 +186,14 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
-        ranges = np.reshape(task.window, (2, 2))  # one axis a row: least value, largest value
-        lower, upper = ranges.T  # (2,) each, of both axes
-        shape = (task.size, task.size)
-        window = Window(map_axes(robot, task.axes), lower, upper, shape, robot.reference.x)
+        ranges = np.reshape(task.window, (-1, 2))  # one axis a row: least value, largest value
+        axes = map_axes(robot, task.axes)
+        window = Window(axes, ranges[:, 0], ranges[:, 1], grid_shape(axes, task.size), robot.reference.x)
     return _statistics(workspace_map(robot, window, task.keys))
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return the areas of a map and the ranges of its quantities, by column.
+    """Return the areas of a map, or lengths of a stroke, and the ranges of its quantities, by column.
 
     `area` is the area of all reached poses, `free_area` that of poses in the reference's assembly mode, and
     `carried_area` that of poses that carry the load. The reached pose nearest to the reference determines the
@@ -201,9 +204,10 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
     nearest = np.argmin(np.where(reached, distance, np.inf))  # index of the flattened grid
     has_reference_mode = workspace.assembly == workspace.assembly.flat[nearest]
 
-    masks = {"area": reached, "free_area": reached & has_reference_mode}
+    size = SIZES[len(workspace.window.axes)]
+    masks = {size: reached, f"free_{size}": reached & has_reference_mode}
     if workspace.load is not None:
-        masks["carried_area"] = reached & (workspace.load == LoadReason.CARRIED)
+        masks[f"carried_{size}"] = reached & (workspace.load == LoadReason.CARRIED)
 
     cell_area = np.prod(workspace.window.cell)
     columns = {key: float(cell_area * mask.sum()) for key, mask in masks.items()}

@@ -95,14 +95,13 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
 
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder; return the files."""
-    first, second = workspace.window.spans
+    spans = workspace.window.spans
     curves = workspace.locus.curves
     # empty arrays, so that a locus without curves is stored with the same number of columns
-    no_x = np.zeros((0, 2))  # points of curves are over the two coordinates of the map
+    no_x = np.zeros((0, len(spans)))  # points of curves are over the coordinates of the map
     no_q = np.zeros((0, workspace.q.shape[2]))
     arrays = {
-        "first": first,
-        "second": second,
+        **dict(zip(("first", "second"), spans, strict=False)),
         "q": workspace.q,
         "reason": workspace.reason,
         "reason_words": np.array(workspace.reason_words),

@@ -19,6 +19,7 @@ once per robot, on random walks from the reference, and searches start from the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -28,8 +29,8 @@ import numpy as np
 
 from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
@@ -52,6 +53,7 @@ from framework.singularity.type2 import has_signed_measure, measure_gradient, un
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
+MAX_RAY_STEPS = 60_000  # along all rays together; half a robot length takes 15,000 at most
 RAYS = {1: 2, 2: 96, 3: 300, 4: 600, 5: 600, 6: 600}  # by the number of platform coordinates
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]
 STARTS = 3  # largest number of searches for the pose nearest to a target
@@ -65,6 +67,7 @@ class NearestSingularPose(ReadOnlyArrays):
     at_least: float  # [unit] distance within which no pose is singular, of Type 1 or Type 2: proved
     unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
     within: float  # [unit] distance up to which rays were followed
+    asked: float  # [unit] distance asked for; larger if MAX_RAY_STEPS ended the search
     rays: int  # number of rays
     leg_end: float  # [unit] distance at which the nearest ray ends at Type 1; inf without one
     distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
@@ -75,6 +78,14 @@ class NearestSingularPose(ReadOnlyArrays):
     @property
     def status(self) -> str:
         """A clause with the distances to singular poses: the proved lower bound, then the nearest found."""
+        if self.within < self.asked:
+            ended = f"{MAX_RAY_STEPS} steps lead no farther than {self.within:.4g}"
+            return f"{self._found}; of {self.asked:.4g} {self.unit} asked for, {ended}"
+        return self._found
+
+    @property
+    def _found(self) -> str:
+        """The distances in words."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -88,14 +99,22 @@ class NearestSingularPose(ReadOnlyArrays):
 
 
 def nearest_singular_pose(
-    robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, max_cells: int = MAX_CELLS
+    robot: ParallelRobot,
+    q: ArrayLike,
+    *,
+    within: float | None = None,
+    max_cells: int = MAX_CELLS,
+    progress: Callable[[int], None] = lambda steps: None,
 ) -> NearestSingularPose:
     """Find the Type 2 pose nearest to a configuration q (nq,), in the working mode of q.
+
+    The search ends after MAX_RAY_STEPS steps along rays; the result says how far they have led.
 
     Args:
         within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
             else robot lengths and rad]; by default half a robot length or 0.5 rad.
         max_cells: largest number of cells of platform coordinates that the proof tests.
+        progress: called with the number of steps along rays.
 
     Raises:
         InvalidInput: the loops are open at q; redundant motors, whose g has no sign; no passive joints.
@@ -111,11 +130,14 @@ def nearest_singular_pose(
     assembled = assembled_at(robot, q)
     centre = _Centre(robot, assembled.q[0], assembled.x[0])
     unit_length, unit = distance_unit(robot)  # of distances in the result
-    reach = 0.5 if within is None else positive("within", within) / unit_length
+    asked = 0.5 if within is None else positive("within", within) / unit_length
+    reach = min(asked, MAX_RAY_STEPS * RAY_STEP)  # of one ray alone
 
     # search the nearest pose along rays; all distances are in robot lengths and rad from here on
     directions = _spread_directions(robot.n)
-    crossed, ended = _follow_rays(centre, directions * reach)  # segments: g changes its sign, the branch ends
+    # segments in which g changes its sign, and in which the branch ends
+    crossed, ended, share = _follow_rays(centre, directions * reach, progress)
+    reach *= share
     nearest = _nearest_singular(centre, crossed, reach)
 
     # prove that no singular pose is nearer
@@ -125,6 +147,7 @@ def nearest_singular_pose(
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
+        asked=asked * unit_length,
         rays=len(directions),
         leg_end=_type_1_distance(centre, ended) * unit_length,
     )
@@ -210,18 +233,26 @@ def _spread_directions(n: int) -> Array:
     return np.concatenate([np.eye(n), -np.eye(n), random])
 
 
-def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegments]:
+def _follow_rays(
+    centre: _Centre, rays: Array, progress: Callable[[int], None]
+) -> tuple[_RaySegments, _RaySegments, float]:
     """Follow rays (K, n) from the centre; return segments with sign changes of g, segments with ends.
 
     The rays are vectors of equal length [robot lengths, rad]. A ray ends with its first segment in which g
-    changes its sign or the branch ends.
+    changes its sign or the branch ends. The last result is the share of the length that was followed, less
+    than 1 if MAX_RAY_STEPS ended the search.
     """
     count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # segments of a ray
     q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
     sign = centre.signs_of_g(q[:1])  # (1,) at the centre
     crossed: list[_RaySegments] = []
     ended: list[_RaySegments] = []
+    steps = 0  # along all rays
     for k in range(count):
+        if steps + len(rays) > MAX_RAY_STEPS and k:
+            return join(crossed), join(ended), k / count
+        steps += len(rays)
+        progress(steps)
         segments = _RaySegments(q, rays * (k / count), rays * ((k + 1) / count))
         step = centre.step(*segments, STEP_PARTS)
 
@@ -236,7 +267,7 @@ def _follow_rays(centre: _Centre, rays: Array) -> tuple[_RaySegments, _RaySegmen
         rays = rays[continues]
         if not len(rays):
             break
-    return join(crossed), join(ended)
+    return join(crossed), join(ended), 1.0
 
 
 def _nearest_singular(

@@ -1,7 +1,7 @@
 """The window of a map, the survey that finds a default window, and the coarse poses of a window.
 
-A window is a grid over two of the platform's coordinates; the others are constant. Coarse poses are reached
-from the reference.
+A window is a grid over two of the platform's coordinates; the others are constant. The only coordinate of a
+mechanism of one freedom has a grid of one column. Coarse poses are reached from the reference.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose t
 
 @dataclass(frozen=True, eq=False)
 class Window(ReadOnlyArrays):
-    """A grid of poses over two platform coordinates, the others constant."""
+    """A grid of poses over k = 1 or 2 platform coordinates, the others constant."""
 
-    axes: tuple[int, int]  # indices of the two coordinates
-    lower: Array  # (2,) [m, rad] their least values
-    upper: Array  # (2,) their largest values
-    shape: tuple[int, int]  # numbers of poses along both, ends included
+    axes: tuple[int, ...]  # (k,) indices of the coordinates
+    lower: Array  # (k,) [m, rad] their least values
+    upper: Array  # (k,) their largest values
+    shape: tuple[int, int]  # numbers of poses along them, ends included; (I, 1) along one
     constants: Array  # (n,) platform coordinates; those of `axes` are not used
 
     def __post_init__(self) -> None:
         """Check the numbers of poses and the order of the ends."""
         super().__post_init__()
-        for count in self.shape:
+        for count in self.shape[: len(self.axes)]:
             whole_number("size of a map", count, 2, MAX_EDGE_POSES)
         if not np.all(self.lower < self.upper):
             raise InvalidInput(
@@ -44,35 +44,35 @@ class Window(ReadOnlyArrays):
             )
 
     @property
-    def spans(self) -> tuple[Array, Array]:
-        """Values (I,) and (J,) of the two coordinates."""
-        first, second = map(np.linspace, self.lower, self.upper, self.shape)
-        return first, second
+    def spans(self) -> tuple[Array, ...]:
+        """Values (I,) and (J,) of the coordinates."""
+        return tuple(map(np.linspace, self.lower, self.upper, self.shape))
 
     @property
     def cell(self) -> Array:
-        """Distances (2,) between neighbours along both axes."""
-        return (self.upper - self.lower) / (np.array(self.shape) - 1)
+        """Distances (k,) between neighbours along the axes."""
+        return (self.upper - self.lower) / (np.array(self.shape[: len(self.axes)]) - 1)
 
     def points(self) -> Array:
         """Return platform coordinates (I, J, n) of all poses."""
         x = np.tile(self.constants, (*self.shape, 1))
-        x[..., self.axes] = np.stack(np.meshgrid(*self.spans, indexing="ij"), axis=2)
+        values = np.stack(np.meshgrid(*self.spans, indexing="ij"), axis=-1)
+        x[..., self.axes] = values.reshape(*self.shape, len(self.axes))
         return x
 
 
-def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[int, int]:
-    """Return the indices of the two platform coordinates of a map.
+def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[int, ...]:
+    """Return the indices of the two platform coordinates of a map, or of the only one.
 
     The default is the first two coordinates, translations before turns.
 
     Raises:
-        InvalidInput: the robot has fewer than two coordinates, or `names` are not two of them.
+        InvalidInput: `names` are not two coordinates of the robot, or a robot has one only.
     """
     if robot.n < 2:
-        raise InvalidInput(
-            f"{robot.name}: a map needs two platform coordinates, it has {', '.join(robot.axis_names)} alone"
-        )
+        if names is not None and list(names) != list(robot.axis_names):
+            raise InvalidInput(f"axes of a map: {robot.name} has {robot.axis_names[0]} alone; leave them out")
+        return (0,)
     if names is None:
         names = [robot.axis_names[k] for k in np.argsort(~robot.translations, kind="stable")[:2]]
     if len(set(names)) != 2 or not set(names) <= set(robot.axis_names):
@@ -80,6 +80,11 @@ def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[
             f"axes of a map: needs two of {', '.join(robot.axis_names)}, got {', '.join(names)}"
         )
     return robot.axis_names.index(names[0]), robot.axis_names.index(names[1])
+
+
+def grid_shape(axes: tuple[int, ...], size: int) -> tuple[int, int]:
+    """Return the numbers of poses of a window with `size` along each axis."""
+    return size, size if len(axes) == 2 else 1
 
 
 def map_point(robot: ParallelRobot, point: ArrayLike | None) -> Array:
@@ -96,7 +101,7 @@ def survey_window(
     keep_limits: bool = False,
     survey_edge_poses: int = 33,  # poses along an edge of the first survey
     max_survey_edge_poses: int = 257,
-    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of a survey
+    survey_reach: float = 1.6,  # [robot lengths, rad] half an edge of a survey, of two axes
 ) -> Window:
     """Find the smallest window with all poses of the reference's working mode.
 
@@ -105,7 +110,8 @@ def survey_window(
     beside a reference near Type 1. The last survey covers the window found, for a narrower margin.
 
     Args:
-        axes: names of two platform coordinates; by default the first two, translations first.
+        axes: names of two platform coordinates, or of the only one; by default the first two, translations
+            first.
         at: platform point (n,); by default the reference. Its other coordinates are constant over the map.
         size: number of poses along an edge of the returned window.
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
@@ -118,24 +124,30 @@ def survey_window(
     point = map_point(robot, at)
     middle = point[list(columns)]
     half_edges = survey_reach * robot.platform_scale[list(columns)]
+    only_turns = len(columns) == 1 and not robot.translations[0]
+    if only_turns:
+        half_edges = np.array([2 * np.pi])  # a whole turn, whichever way the stroke goes on
     outermost = Window(
         axes=columns,
         lower=middle - half_edges,
         upper=middle + half_edges,
-        shape=(survey_edge_poses, survey_edge_poses),
+        shape=grid_shape(columns, survey_edge_poses),
         constants=point,
     )
     survey, window = outermost, _reached_window(robot, outermost, outermost, keep_limits)
     is_larger = True
     while is_larger and survey.shape[0] < max_survey_edge_poses:
         known = window
-        survey = replace(survey, shape=(2 * survey.shape[0] - 1,) * 2)
+        survey = replace(survey, shape=grid_shape(columns, 2 * survey.shape[0] - 1))
         window = _reached_window(robot, survey, outermost, keep_limits)
         is_larger = bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
     # no longer cells than those that reached the poses
     edge_poses = max(int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1, survey_edge_poses)
-    window = _reached_window(robot, replace(window, shape=(edge_poses,) * 2), outermost, keep_limits)
-    return replace(window, shape=(size, size))
+    fine = replace(window, shape=grid_shape(columns, edge_poses))
+    window = _reached_window(robot, fine, outermost, keep_limits)
+    if only_turns and window.upper[0] - window.lower[0] > 2 * np.pi:
+        window = replace(window, lower=middle - np.pi, upper=middle + np.pi)
+    return replace(window, shape=grid_shape(columns, size))
 
 
 def _reached_window(
@@ -159,7 +171,7 @@ def _reached_window(
     # a joint's share beyond its range is above 0 outside of the range
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     counted = within if keep_limits and within.any() else reached
-    indices = np.argwhere(counted)  # (poses, 2) rows and columns
+    indices = np.argwhere(counted)[:, : len(survey.axes)]  # (poses, k) rows and columns
     margin = margin_cells * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin

@@ -55,12 +55,16 @@ from framework.tolerances import SAME_PLACE
 # [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start;
 # the first search starts at the nearest reached configuration itself
 OFFSETS = (0.0, 1.0, 1.0, 1.0)
+WHOLE_TURN = 2 * np.pi * (1.0 - SAME_PLACE)  # [rad] beyond this width of a window nothing new is reached
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(ReadOnlyArrays):
-    """Quantities over a window in the reference's working mode; NaN where not reached."""
+    """Quantities over a window in the reference's working mode; NaN where not reached.
+
+    Along the stroke of a mechanism of one freedom J is 1.
+    """
 
     robot: ParallelRobot
     window: Window
@@ -118,9 +122,11 @@ class WorkspaceMap(ReadOnlyArrays):
         Beyond these edges more poses may be reachable.
         """
         edges: dict[str, BoolArray] = {}  # reached poses of each edge
-        for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
-            name = self.robot.axis_names[k]
-            edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
+        widths = self.window.upper - self.window.lower
+        for k, width, rows in zip(self.window.axes, widths, (self.reached, self.reached.T), strict=False):
+            if self.robot.translations[k] or width < WHOLE_TURN:
+                name = self.robot.axis_names[k]
+                edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
         return tuple(edge for edge, poses in edges.items() if poses.any())
 
     @property

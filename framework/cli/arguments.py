@@ -22,7 +22,7 @@ from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
-from framework.numerics.output import Document, write_file, written_together
+from framework.numerics.output import Document, write_files, written_together
 from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import (
     DEFAULT_ROWS,
@@ -79,7 +79,14 @@ def take_level(options: Namespace) -> ChosenLevel | None:
 
 def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled at its reference, as `load_mechanism` does."""
-    return ParallelRobot.of(load_mechanism(options))
+    mechanism = load_mechanism(options)
+    robot = ParallelRobot.of(mechanism)
+    if not mechanism.description.reference and robot.q_near is not mechanism.q_near:
+        options.warnings.append(
+            f"{robot.name}: no reference is given; a search has found one within the joints' limits, which "
+            f"`crossing check` prints"
+        )
+    return robot
 
 
 def load_mechanism(options: Namespace) -> Mechanism:
@@ -317,7 +324,7 @@ _OF_A_PLAN = (
 
 def write_page(file: FilePath, page: str | bytes, options: Namespace) -> Report:
     """Write one file and return the report on its name and size."""
-    write_file(file, page, overwrite=options.overwrite)
+    write_files({file: page}, overwrite=options.overwrite)
     size = file.stat().st_size
     return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
 

@@ -52,11 +52,13 @@ COMMANDS = {
     "locate": Command(
         "find the singular points on a path",
         (
+            "crossing locate five_bar",
             "crossing locate five_bar --scene C",
             "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
         ),
         "locate",
-        "With --flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
+        "Without a path: the singular pose nearest to the reference, and a line that crosses there. With "
+        "--flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
         "which each deflection moves them along the path. How far the springs give, and so where the "
         "deformed robot is singular, depends on the motion: crossing plan tells.",
     ),

@@ -30,14 +30,14 @@ from framework.files.trajectory_file import (
     joint_trajectory,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import PROGRAM, write_file
+from framework.numerics.output import PROGRAM, write_files
 from framework.planning.motion_table import DEFAULT_ROWS
 from framework.planning.options import MOTION
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import is_plan_folder
 from framework.planning.scenes import scene, scene_path
 
-Export = tuple[ParallelRobot, str, list[str]]  # robot, content of the file, lines of the report
+Export = tuple[ParallelRobot, dict[FilePath, str], list[str]]  # robot, texts by file, lines of the report
 SIDE = "joint"  # side of the gears by default
 SUFFIXES = {
     "mjcf": (".xml", ".mjcf"),
@@ -98,11 +98,11 @@ def add_export_options(parser: OneLineParser) -> None:
 
 
 def run_export(options: Namespace) -> Report:
-    """Write the complete file, or none."""
+    """Write the complete file, and what stands beside it, or none."""
     file = FilePath(options.out)
     _check_options(options, file)
-    robot, text, lines = WRITERS[options.program](options, file)
-    write_file(file, text, option="--out", overwrite=options.overwrite)
+    robot, texts, lines = WRITERS[options.program](options, file)
+    write_files(texts, option="--out", overwrite=options.overwrite)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -137,7 +137,7 @@ def _model_file(options: Namespace, file: FilePath) -> Export:
     lines = ["a MuJoCo model with its loops", START]
     if left_out := ranges_left_out(robot):
         lines.append(f"without the ranges of {', '.join(left_out)}: the reference is outside")
-    return robot, mjcf_text(robot, hinges=options.hinges), lines
+    return robot, {file: mjcf_text(robot, hinges=options.hinges)}, lines
 
 
 def _plan_of(options: Namespace) -> CrossingPlan:
@@ -148,13 +148,13 @@ def _plan_of(options: Namespace) -> CrossingPlan:
 
 
 def _table_file(options: Namespace, file: FilePath) -> Export:
-    """Return the rows of a motion; write their metadata beside the file."""
+    """Return the rows of a motion, with their metadata beside the file."""
     plan = _plan_of(options)
     motion = arguments.motion_rows(options, plan)
     metadata = file.with_name(f"{file.name}-metadata.json")
-    write_file(metadata, motion.metadata(file.name), option="--out", overwrite=options.overwrite)
     size = f"{len(motion.rows)} rows of {len(motion.names)} columns"
-    return plan.robot, motion.as_csv(), [f"{size} over {plan.duration:g} s"]
+    texts = {file: motion.as_csv(), metadata: motion.metadata(file.name)}
+    return plan.robot, texts, [f"{size} over {plan.duration:g} s"]
 
 
 def _trajectory_file(options: Namespace, file: FilePath) -> Export:
@@ -168,7 +168,7 @@ def _trajectory_file(options: Namespace, file: FilePath) -> Export:
     else:
         text = f"# {sentence}; by {PROGRAM}\n" + yaml.safe_dump(message, sort_keys=False)
     size = f"a joint trajectory of {len(message['points'])} points"
-    return plan.robot, text, [f"{size} over {plan.duration:g} s", sentence]
+    return plan.robot, {file: text}, [f"{size} over {plan.duration:g} s", sentence]
 
 
 def _lesson_file(options: Namespace, file: FilePath) -> Export:
@@ -191,7 +191,7 @@ def _lesson_file(options: Namespace, file: FilePath) -> Export:
     except NoAnswer as error:
         error.args = (f"--scene {chosen.name}: {error}",)
         raise
-    return robot, page, ["a lesson of five steps, to be opened in a browser"]
+    return robot, {file: page}, ["a lesson of five steps, to be opened in a browser"]
 
 
 WRITERS: dict[str, Callable[[Namespace, FilePath], Export]] = {

@@ -29,6 +29,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint, se
 
 BEFORE_END = 0.999  # of s at the end of the branch: at the end itself the joints have no rates
 BEYOND = (2.0, 1.5, 1.2, 1.05)  # lengths of a line through the nearest singular pose, over its distance
+PATH_OPTIONS = ("blend", *arguments.WRENCH_OPTIONS, "torque_limit", "speed_limit", "margin")
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
@@ -47,6 +48,10 @@ def run_locate(options: Namespace) -> Report:
     """Report the singular points and near misses in the order of the path."""
     robot = arguments.load(options)
     if options.scene is options.start is options.end is options.via is None:
+        reason = (
+            "of a path, and without one the nearest singular pose is sought; leave it out, or give --scene"
+        )
+        arguments.refuse_options(options, PATH_OPTIONS, reason)
         return _report_nearest(robot)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)

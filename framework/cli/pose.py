@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from framework.cli.parser import (
 )
 from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
-from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity, finite_numbers
 from framework.kinematics.assembly import remark_on_turns
+from framework.kinematics.assembly_search import can_close, find_closed_pose
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble, remark_on_reach
 from framework.kinematics.diagnostics.diagnosis import describe_pose
@@ -62,6 +63,13 @@ def add_pose_options(parser: OneLineParser) -> None:
         nargs="+",
     )
     add_number(group, "--platform", "X", "its coordinates [m, rad]", dest="point", nargs="+")
+    add_number(
+        group,
+        "--near-platform",
+        "X",
+        "coordinates near which the loops are to be assembled, whatever the reference [m, rad]",
+        nargs="+",
+    )
     group.add_argument(
         "--all",
         dest="every",
@@ -85,6 +93,8 @@ def add_pose_options(parser: OneLineParser) -> None:
 
 def run_pose(options: Namespace) -> Report:
     """Report the pose of motor angles or of a platform point, springs at rest."""
+    if options.near_platform is not None:
+        return _report_near(options)
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
         motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
@@ -99,6 +109,35 @@ def run_pose(options: Namespace) -> Report:
         raise InvalidInput(message).advising(dict.fromkeys(stated))
     report_all = _report_working_modes if options.motor_joints is None else _report_assembly_modes
     return report_all(robot, options)
+
+
+def _report_near(options: Namespace) -> Report:
+    """Report the pose within ranges that a search finds near --near-platform, and its reference."""
+    for name in ("motor_joints", "point", "every"):
+        if getattr(options, name) not in (None, False):
+            message = "--near-platform: assembles one pose; leave --motors, --platform and --all out"
+            raise InvalidInput(message).advising({"motors": None, "platform": None, "all": None})
+    mechanism = arguments.load_mechanism(options)
+    description = mechanism.description
+    axes = description.platform.joints or description.platform.axes
+    target = finite_numbers(f"--near-platform ({', '.join(axes)})", options.near_platform, len(axes))
+    found = find_closed_pose(mechanism, target).q
+    reference = mechanism.reference_values(found)
+    posed = replace(description, reference=reference)
+    robot = ParallelRobot.from_description(posed, flexibility=mechanism.flexibility)
+    q, sentence = robot.reference.q, ""
+    try:
+        nearest = nearest_pose(robot, target)
+    except NotAssembled as failure:  # out of reach, and the search has ended at Type 1
+        sentence = f"{robot.place(robot.reference.x)}; {str(failure).removeprefix(f'{robot.name}: ')}"
+    else:
+        q = nearest.q
+        if nearest.stops:
+            sentence = NEAREST.format(nearest, robot.place(nearest.x), " and ".join(nearest.stops))
+    facts, lines = _report_pose(robot, q, options)
+    lines += [f"  near              {sentence}"] if sentence else []
+    lines.append(_reference_to_paste(robot, q))
+    return {**facts, "reference": robot.reference_values(q)}, lines
 
 
 def _report_pose(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
@@ -144,7 +183,7 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
 
     Raises:
         NotAssembled, Type1Singularity: no pose in the modes of the reference. With `advise_all` the remedy
-            is --all, unless the numbers are impossible in all modes.
+            is --all, if a search finds a pose in another mode.
     """
     motor_joints = options.motor_joints
     point = options.point
@@ -161,8 +200,17 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
                 return q
             addition = f"; {sentence}"
         failure.args = (f"{failure}{addition}",)
-        raise failure.advising({"all": True} if advise_all and not impossible else None) from None
+        if advise_all and not impossible and _has_pose(robot, motor_joints, point):
+            raise failure.advising({"all": True}) from None
+        raise failure.advising(None) from None
     return closed.q
+
+
+def _has_pose(robot: ParallelRobot, motor_joints: list[float] | None, point: list[float] | None) -> bool:
+    """Return whether a search finds a pose of the motors or the platform, in any mode."""
+    if motor_joints is None:
+        return can_close(robot, robot.actuated[:0], np.empty(0), np.array(point))
+    return can_close(robot, robot.actuated, np.array(motor_joints))
 
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:

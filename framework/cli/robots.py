@@ -28,7 +28,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.output import Document, select_fields, write_file
+from framework.numerics.output import Document, select_fields, write_files
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
@@ -69,7 +69,8 @@ def run_robots(options: Namespace) -> Report:
 
         options.progress.start("drawing the picture")
         picture = gallery_picture(robots, FilePath(options.picture).suffix[1:])
-        write_file(FilePath(options.picture), picture, option="--picture", overwrite=options.overwrite)
+        file = FilePath(options.picture)
+        write_files({file: picture}, option="--picture", overwrite=options.overwrite)
         lines.append(f"drawn into {options.picture}")
     return {"robots": rows}, lines
 

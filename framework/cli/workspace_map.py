@@ -12,6 +12,7 @@ import numpy as np
 
 from framework.atlas.design_study import DOCUMENT as STUDY_DOCUMENT
 from framework.atlas.design_study import (
+    SIZES,
     DesignStudy,
     StudyTask,
     design_study,
@@ -22,7 +23,15 @@ from framework.atlas.design_study import (
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, quantity_unit
-from framework.atlas.survey import EDGE_POSES, MAX_EDGE_POSES, Window, map_axes, map_point, survey_window
+from framework.atlas.survey import (
+    EDGE_POSES,
+    MAX_EDGE_POSES,
+    Window,
+    grid_shape,
+    map_axes,
+    map_point,
+    survey_window,
+)
 from framework.atlas.workspace_map import (
     WorkspaceMap,
     check_reference,
@@ -91,8 +100,9 @@ def add_map_options(parser: OneLineParser) -> None:
         group,
         "--window",
         "X",
-        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
-        nargs=4,
+        "least and largest value of the first axis, then of the second if there is one [m, rad] (default: "
+        "all it reaches)",
+        nargs="+",
     )
     group.add_argument(
         "--size",
@@ -128,8 +138,8 @@ def add_map_options(parser: OneLineParser) -> None:
     add_executor(parser)
     add_out(
         parser,
-        "write map.json, map.npz, map.csv, a figure of each quantity and map.html there; a map that is "
-        "stopped keeps what is finished there, and the same command goes on from it",
+        "write map.json, map.npz, map.csv, a figure of each quantity and, over two axes, map.html there; a "
+        "map that is stopped keeps what is finished there, and the same command goes on from it",
     )
     group.add_argument(
         "--study",
@@ -181,7 +191,8 @@ def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPos
     """Find the singular pose nearest to --nearest; None without the option."""
     if options.nearest is not None:
         pose = assemble(robot, options.nearest)
-        return nearest_singular_pose(robot, pose.q, within=options.within)
+        progress = options.progress.start("following rays to the nearest singular pose", unit="steps")
+        return nearest_singular_pose(robot, pose.q, within=options.within, progress=progress)
     if options.within is None:
         return None
     message = "--within: belongs to --nearest; give both, or leave it out"
@@ -205,17 +216,19 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
     size = options.size or EDGE_POSES
     if options.window is None:
         return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
-    bounds = finite_numbers("--window", options.window, 4)
     axes = map_axes(robot, options.over)
-    return Window(axes, bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
+    bounds = finite_numbers("--window", options.window, 2 * len(axes))
+    return Window(axes, bounds[::2], bounds[1::2], grid_shape(axes, size), map_point(robot, centre))
 
 
 def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
-    """Write a map into a folder: numbers, figures and page."""
+    """Write a map into a folder: numbers, figures and, of two axes, a page."""
     from framework.show.map import map_page, save_map_figures
 
     write_map(workspace, folder)
     save_map_figures(workspace, folder, path=path)
+    if len(workspace.window.axes) == 1:
+        return
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
@@ -227,9 +240,9 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
     """
     robot = workspace.robot
     window = workspace.window
-    rows, columns = window.shape
+    size = " x ".join(map(str, window.shape[: len(window.axes)]))
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    title = f"{robot.name}: {rows} x {columns} poses"
+    title = f"{robot.name}: {size} poses"
     edges = workspace.open_edges
     cut = ""
     if edges and is_whole:
@@ -242,6 +255,9 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in edges]
     lines.append(f"  locus: {workspace.locus_sentence}, {workspace.locus.seconds:.2f} s")
+    if len(window.axes) == 1:
+        points = (f"{curve.kind} at {robot.place(curve.x[0])}" for curve in workspace.locus.curves)
+        lines += [f"  singular: {words}" for words in points]
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
         values = map(document["quantities"][quantity.key].get, STATISTICS)
@@ -249,7 +265,7 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
-        keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
+        keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "asked", "twist")
         document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
 
@@ -279,12 +295,13 @@ def report_design_study(options: Namespace) -> Report:
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
     axis_names = [robot.axis_names[k] for k in map_axes(robot, options.over)]
-    window = options.window and tuple(finite_numbers("--window", options.window, 4).tolist())
+    count = 2 * len(axis_names)
+    window = options.window and tuple(finite_numbers("--window", options.window, count).tolist())
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
-        axes=(axis_names[0], axis_names[1]),
+        axes=tuple(axis_names),
         window=window,
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
@@ -323,7 +340,7 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
 
 def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
     """Return a table of the first designs: parameters, areas, medians, and refusals."""
-    columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
+    columns = [key for key in study.columns if key.endswith((*SIZES.values(), "_median"))]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])
     rows = [[f"{value:.4g}" if np.isfinite(value) else "-" for value in row] for row in numbers]

@@ -108,8 +108,8 @@ def draw_noise(
 def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """Return the robot with the inertia, joint positions and spring stiffness of a variation.
 
-    With shifted joints the loops close at another configuration. Only the independent loop equations are
-    used: redundant ones hold only for exact positions, and a real machine has clearance in its joints.
+    With shifted joints the loops close at another configuration. Loop equations that are redundant in all
+    poses are left out: they hold only for exact positions, and a real machine has clearance in its joints.
 
     The payload factor applies to the inertia of the platform's link or, if that link has no inertia, to the
     moving body that carries the platform's frame. The closed-loop simulation applies friction and delay.
@@ -129,8 +129,12 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
         robot,
         model=model,
         stiffness=robot.stiffness * variation.stiffness,
-        rows=robot.loops,  # the independent loop equations, now all that there are
-        structure=replace(robot.structure, independent=np.arange(len(robot.loops.names))),
+        rows=robot.spanning_loops,  # now all that there are
+        structure=replace(
+            robot.structure,
+            independent=np.arange(len(robot.loops.names)),
+            spanning=np.arange(len(robot.spanning_loops.names)),
+        ),
     )
 
 

@@ -34,6 +34,8 @@ from framework.kinematics.continuation.pose_search import NearestPose, PoseSearc
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
 from framework.kinematics.frames import FrameMotions, FrameStack, Scratch
 from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_ranges import align_bases
 from framework.kinematics.motion_rates import require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
@@ -78,13 +80,18 @@ class ControlCycle:
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
-        self._independent = robot.structure.independent  # loop equations
+        self._independent = robot.structure.independent  # loop equations; all rows are combined if `_bases`
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
         self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
-        self._row_sizes = (robot.row_lengths[self._independent] * robot.structure.row_sizes)[:, None]
+        self._row_sizes = (robot.loop_lengths * robot.structure.row_sizes)[:, None]
+        self._bases: Array | None = None  # (1, R, m) of the range of the loops' Jacobian, along the motion
+        if robot.structure.varies:
+            self._span_sizes = robot.equations.span_scale[:, None]
+            combination = linearised_at(robot, start.q[None]).combination  # (1, R, m)
+            self._bases = None if combination is None else combination * self._span_sizes
 
         self.q = start.q.copy()
         self.x = start.x.copy()
@@ -193,10 +200,14 @@ class ControlCycle:
         equations = self._equations
         columns = self._following  # passive joints
         equations.evaluate_pose(q)
-        jacobian = equations.jacobian.take(self._independent, axis=0)
+        if self._bases is not None:
+            moving = self.robot.moving
+            J = equations.jacobian[:, moving] * self.robot.column_scale[moving] / self._span_sizes
+            self._bases = align_bases(J[None], self._bases)
+        jacobian = self._select_rows(equations.jacobian)
         # residual in the first column, then J_a (n_p, n_a)
         right_sides = np.empty((len(columns), 1 + len(self._actuated)))
-        right_sides[:, 0] = equations.residual.take(self._independent)
+        right_sides[:, 0] = self._select_rows(equations.residual)
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1)
         self._P = jacobian.take(columns, axis=1) * self._scale
         # solve for the dimensionless step and rates, and restore their units
@@ -209,6 +220,12 @@ class ControlCycle:
         self._step = solution[:, 0] * self._passive_lengths
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max(initial=0.0))
+
+    def _select_rows(self, values: Array) -> Array:
+        """Return values (m, ...) of the independent equations, or of the combinations by the bases."""
+        if self._bases is None:
+            return values.take(self._independent, axis=0)
+        return (self._bases[0] / self._span_sizes).T @ values
 
     def _predict_and_correct(
         self,
@@ -316,7 +333,7 @@ class ControlCycle:
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
-            loop_drift = self._equations.drift().take(self._independent) / self._row_sizes[:, 0]
+            loop_drift = self._select_rows(self._equations.drift()) / self._row_sizes[:, 0]
             self._drift[self._following] = -(self._inverse @ loop_drift) * self._passive_lengths
         return self._drift
 
@@ -344,10 +361,11 @@ class SinglePose:
 
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
-        rows = robot.rows
+        rows = robot.spanning_loops if robot.structure.varies else robot.rows
         scratch = Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
         self.robot = robot
+        self.rows = rows
         self.scratch = scratch
         self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
@@ -365,7 +383,7 @@ class SinglePose:
         origin, or for a rotation the couple b x a, with a and b of `_update_residual`.
         """
         scratch = self.scratch
-        rows = self.robot.rows
+        rows = self.rows
         wrench = self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
@@ -400,7 +418,7 @@ class SinglePose:
         """Compute the drift dJ/dt v (m,) of the loop equations at the last `evaluate_motion`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        return closure_drift(self.robot.rows, FrameMotions.of(self._placements, *twists))
+        return closure_drift(self.rows, FrameMotions.of(self._placements, *twists))
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
@@ -426,7 +444,7 @@ class SinglePose:
         frames or the offset between their origins, see `row_factors`.
         """
         scratch = self.scratch
-        rows = self.robot.rows
+        rows = self.rows
         # pinocchio stores three axes and the origin of each frame of the model, one after another
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)

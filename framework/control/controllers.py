@@ -45,11 +45,12 @@ from framework.kinematics.closures import closure_drift, loop_equations, scale_j
 from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.linearised_loops import scaled_loops
+from framework.kinematics.loop_ranges import align_bases
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.numerics.ordered_sums import matvec, solve
+from framework.numerics.ordered_sums import matmul, matvec, solve
 from framework.planning.result import CrossingPlan
 from framework.tolerances import SAME_PLACE
 
@@ -429,7 +430,7 @@ class ComputedTorque:
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
-        J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
+        J_T = scale_jacobian(robot, motion.loops, robot.loop_rotation).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
 
@@ -466,10 +467,16 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     depend on the number of runs.
     """
     robot = reference.robot
-    rows = robot.loops  # independent loop equations
+    rows = robot.spanning_loops
     columns = robot.moving  # of the joints that move without springs
     frames = frames_at(robot, state.q)
     J = loop_equations(rows, frames).jacobian
+    planned = reference.motion.linearised.combination  # (K, R, m), or None if all rows are independent
+    sizes = robot.equations.span_scale[:, None]
+    if planned is not None:
+        scaled = J[:, :, columns] * robot.column_scale[columns] / sizes
+        combination = align_bases(scaled, planned[k] * sizes) / sizes
+        J = matmul(combination.swapaxes(1, 2), J)
     F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]  # (R, n + m, columns)
     twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.nv))
@@ -479,6 +486,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     motions = frame_motions(robot, frames, v)
     platform_part = twist_rate - robot.platform.drift(motions)
     loop_part = -closure_drift(rows, motions)
+    if planned is not None:
+        loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
     s = np.full(len(state.q), reference.law(reference.times[k]))  # path parameter of the planned wrenches

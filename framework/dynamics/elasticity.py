@@ -64,7 +64,7 @@ class Pass:
     passes: int = 1  # number of passes up to this one
     change: float = 0.0  # by one more pass, over the largest deflection or spring force
     is_settled: bool = True  # as far as this grid allows
-    checkpoints: Checkpoints | None = None  # of a rigid robot
+    checkpoints: Checkpoints | None = None  # of a pass with springs at rest
 
     @property
     def residual(self) -> Array:
@@ -74,44 +74,43 @@ class Pass:
 
 def solve_deflections(
     branch: Branch,
-    grid: TimeGrid,
+    at_rest: Pass,
     choose_law: LawChoice,
     geometry: str,
-    first_law: MotionLaw,
     *,
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
-    at_rest: Pass | None = None,
 ) -> Pass:
-    """Solve for deflections and forces at the nodes of the grid.
+    """Solve for deflections and forces at the nodes of a grid.
 
     Args:
+        at_rest: the pass with springs at rest, from which the iteration begins.
         choose_law: function of the deflections and of the last pass's law that returns the next pass's law.
         geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
             iterates until the deflections settle.
-        first_law: the law for springs at rest, from which the iteration begins.
         tolerance: relative change of deflections that counts as settled.
         is_fine: whether the grid resolves the forces of the undeformed robot; if not, the iteration is left
             to a finer grid.
-        at_rest: the pass with springs at rest under the first law, if known.
 
     Raises:
         SpringsTooSoft: the forces of the undeformed robot deflect springs beyond the range of a linear one.
         NotAssembled: the first deflections tear the loops.
     """
-    robot = branch.robot
-    current = at_rest or pass_at_rest(branch, grid, first_law, np.empty(0))[0]
     if geometry == "rigid":
-        return _small_displacements(branch, grid, current)
-    _check_stiffness(robot, grid, current)
-    if not is_fine(current):
-        return replace(current, change=np.inf)  # not converged on this grid, so that a finer one is tried
-    return _iterate_passes(branch, grid, choose_law, tolerance, current)
+        if not branch.robot.n_e:
+            return at_rest
+        grid = at_rest.grid
+        deflections = grid.fit(at_rest.caused)  # by the forces of the undeformed robot
+        motion = motion_with_deflections(branch, grid.times, at_rest.law, grid.values(deflections), at_rest)
+        return replace(at_rest, motion=motion, deflections=deflections)
+    _check_stiffness(branch.robot, at_rest)
+    if not is_fine(at_rest):
+        return replace(at_rest, change=np.inf)  # not converged on this grid, so that a finer one is tried
+    return _iterate_passes(branch, choose_law, tolerance, at_rest)
 
 
 def _iterate_passes(
     branch: Branch,
-    grid: TimeGrid,
     choose_law: LawChoice,
     tolerance: float,
     current: Pass,
@@ -126,7 +125,7 @@ def _iterate_passes(
         tolerance: relative change of deflections that counts as settled.
         current: the first pass.
     """
-    robot = branch.robot
+    robot, grid = branch.robot, current.grid
     last_change = np.inf
     for passes in count(1):
         check_time()
@@ -171,26 +170,9 @@ def assess_deflections(branch: Branch, grid: TimeGrid, law: MotionLaw, known: Kn
     return Pass(grid, law, grid.fit(values), values, motion, forces, caused, change=residual)
 
 
-def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Pass:
-    """Return the deflections caused by forces of the undeformed robot, and the deflected motion.
-
-    Args:
-        current: the pass with springs at rest.
-    """
-    deflections = grid.fit(current.caused)
-    motion = current.motion
-    if branch.robot.n_e:
-        _q_e, motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)
-    return replace(current, motion=motion, deflections=deflections)
-
-
-def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
-    """Raise SpringsTooSoft if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`.
-
-    Args:
-        current: the pass with springs at rest, whose forces cause the deflections.
-    """
-    size = np.abs(current.caused / spring_scale(robot))
+def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
+    """Raise SpringsTooSoft if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
+    size = np.abs(at_rest.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return
     # the largest deflection; NaN counts as infinite
@@ -198,8 +180,8 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise SpringsTooSoft(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
-        f"would deflect {robot.elastic_names[k]} by {abs(current.caused[instant, k]):.3g} {unit} at t = "
-        f"{grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
+        f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
+        f"{at_rest.grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
         residual=float(size[instant, k]),
     )
 
@@ -236,13 +218,13 @@ def _relative_size(
 # ------------------------------------------------------------------ one pass
 
 
-def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> tuple[Pass, Checkpoints]:
-    """Compute the pass with springs at rest on the nodes of the grid, and the motion at other instants.
+def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> Pass:
+    """Compute the pass with springs at rest on the nodes of the grid, with checkpoints at other instants.
 
     All instants are one stack, whose loops are closed and whose motion is computed once.
 
     Args:
-        beside: instants (k,) [s] apart from the nodes, where the motor torques may have no value.
+        beside: instants (k,) [s] of the checkpoints, where the motor torques may have no value.
     """
     robot = branch.robot
     times = np.concatenate([grid.times, beside])
@@ -254,7 +236,7 @@ def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) 
     caused = -forces.spring_force / robot.stiffness  # Eq. (3b) with linear springs
     at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
     checkpoints = Checkpoints(beside, aside, tree_forces(robot, aside))
-    return Pass(grid, law, at_rest, still[:count], motion, forces, caused), checkpoints
+    return Pass(grid, law, at_rest, still[:count], motion, forces, caused, checkpoints=checkpoints)
 
 
 def evaluate_pass(
@@ -270,25 +252,11 @@ def evaluate_pass(
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    q_e, motion = evaluate_deflected_motion(branch, grid, law, deflections, neighbour)
+    at_nodes = grid.values(deflections)  # the deflections and two time derivatives, (T, n_e) each
+    motion = motion_with_deflections(branch, grid.times, law, at_nodes, neighbour)
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
-    return Pass(grid, law, deflections, q_e, motion, forces, caused)
-
-
-def evaluate_deflected_motion(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, deflections: TimeFunction, neighbour: Pass | None
-) -> tuple[Array, Motion]:
-    """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid.
-
-    Args:
-        branch: configurations along the path, springs at rest.
-        grid: T nodes in time.
-        deflections: deflections (n_e) as a function of time.
-        neighbour: a pass on the same grid with similar deflections, if available.
-    """
-    at_nodes = grid.values(deflections)  # the deflections and two time derivatives, (T, n_e) each
-    return at_nodes[0], motion_with_deflections(branch, grid.times, law, at_nodes, neighbour)
+    return Pass(grid, law, deflections, at_nodes[0], motion, forces, caused)
 
 
 def motion_with_deflections(

@@ -18,7 +18,6 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
-    Checkpoints,
     LawChoice,
     Pass,
     assess_deflections,
@@ -27,8 +26,10 @@ from framework.dynamics.elasticity import (
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
+    MissingForces,
     between_nodes,
     check_idle_joints,
+    find_missing_forces,
     measure_residuals,
     unresolved_error,
     unseen_near_miss,
@@ -46,7 +47,6 @@ from framework.dynamics.singularity_crossings import (
     find_crossed_points,
     measure_crossings,
     panel_edges,
-    rigid_crossings,
 )
 from framework.errors import (
     InvalidInput,
@@ -58,7 +58,6 @@ from framework.errors import (
     check_choice,
     expect_call,
 )
-from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
@@ -243,12 +242,13 @@ def resolve(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        result = replace(result, certificate=measure_residuals(searched.branch, solution, result))
+        missing = find_missing_forces(searched.branch, solution, result)
+        result = replace(result, certificate=measure_residuals(solution, result, missing))
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
             if unseen is None:
-                return _check_result(searched.branch, solution, result, friction)
+                return _check_result(robot, solution, result, missing, friction)
 
     # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
@@ -317,23 +317,18 @@ class _Refinement:
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:
-                if not self.crossings:
-                    self.crossings = rigid_crossings(branch, self.searched.points, self.law)
+                if self.crossed and not self.crossings:
+                    self._pass_at_rest(grid, instants)
                 solution = assess_deflections(branch, grid, self.law, self.known)
             else:
-                at_rest, checkpoints = self._pass_at_rest(grid, instants)
                 solution = solve_deflections(
                     branch,
-                    grid,
+                    self._pass_at_rest(grid, instants),
                     self.choose_law,
                     self.geometry,
-                    self.law,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
                     is_fine=lambda at_rest: self._is_fine(grid, at_rest),
-                    at_rest=at_rest,
                 )
-                if not branch.robot.n_e:
-                    solution = replace(solution, checkpoints=checkpoints)
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
                 check_bounded(branch.robot, self.crossings, self.allowed_residual)
@@ -347,23 +342,25 @@ class _Refinement:
         self.passes += solution.passes
         return solution
 
-    def _pass_at_rest(self, grid: TimeGrid, instants: Array) -> tuple[Pass, Checkpoints]:
+    def _pass_at_rest(self, grid: TimeGrid, instants: Array) -> Pass:
         """Compute the pass with springs at rest; measure the crossings at `instants` (k,) on the first grid.
 
         Raises:
             UnboundedTorque: the law violates condition (8), and the geometry is rigid.
         """
         branch = self.searched.branch
-        # the series of a rigid robot are checked at the same instants
-        others = np.linspace(0.0, grid.edges[-1], SAMPLES) if branch.robot.n_e else between_nodes(grid)
-        at_rest, checkpoints = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
+        # with rigid geometry the torques' series are checked at the same instants
+        is_rigid = self.geometry == "rigid"
+        others = between_nodes(grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
+        at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
         if self.crossed and not self.crossings_at_rest:
-            at_points, along = np.split(checkpoints.forces, [len(instants)])
+            assert at_rest.checkpoints is not None
+            at_points, along = np.split(at_rest.checkpoints.forces, [len(instants)])
             self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
             self.crossings_at_rest = self.crossings
-            if self.geometry == "rigid":
+            if is_rigid:
                 check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
-        return at_rest, checkpoints
+        return at_rest
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
         """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
@@ -430,7 +427,9 @@ class _Refinement:
         return replace(result, crossings=self.crossings)
 
 
-def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, friction: str) -> InverseDynamics:
+def _check_result(
+    robot: ParallelRobot, solution: Pass, result: InverseDynamics, missing: MissingForces, friction: str
+) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
@@ -441,10 +440,9 @@ def _check_result(branch: Branch, solution: Pass, result: InverseDynamics, frict
     Raises:
         UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
-    robot = branch.robot
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
     check_crossings(robot, solution, result)
-    certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, solution, result))
+    certificate = replace(result.certificate, max_held_torque=check_idle_joints(robot, missing))
     planned_friction = PlannedFriction.from_speed(
         motor_friction(robot, friction),
         lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -53,7 +54,15 @@ from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP, RESOLVABLE_TAIL
 
 
-def measure_residuals(branch: Branch, solution: Pass, result: InverseDynamics) -> Certificate:
+class MissingForces(NamedTuple):
+    """Forces that a planned motion would need beside motors and springs, at T instants."""
+
+    times: Array  # (T,) [s]
+    joint_torques: Array  # (T, n_a) of the series
+    residual: Array  # (T, nv) the missing forces
+
+
+def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> Certificate:
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
@@ -63,13 +72,11 @@ def measure_residuals(branch: Branch, solution: Pass, result: InverseDynamics) -
         result: the series through them.
 
     Raises:
-        NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
+        NotAssembled: rounded loop equations open farther than rounding explains.
     """
-    robot = branch.robot
-    _check_dropped_rows(robot, solution)
-    times, _motion, residual = _missing_forces(branch, solution, result)
+    robot, times = result.robot, missing.times
     # the load of an idle joint is no error of the series: `check_idle_joints` limits it
-    residual[:, robot.structure.idle] = 0.0
+    residual = np.delete(missing.residual, robot.structure.idle, axis=1)
     poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
         solution.motion.linearised.solved_residual,  # on the nodes
@@ -105,43 +112,37 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     return gap
 
 
-def check_idle_joints(branch: Branch, solution: Pass, result: InverseDynamics) -> float:
+def check_idle_joints(robot: ParallelRobot, missing: MissingForces) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
     No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
     same order of magnitude.
 
-    Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
-
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
     """
-    robot = branch.robot
-    idle = branch.robot.structure.idle
+    idle = robot.structure.idle
     if not len(idle):
         return 0.0
-    times, torques, residual = _missing_forces(branch, solution, result)
-    loads = residual[:, idle]  # (T, idle)
+    loads = missing.residual[:, idle]  # (T, idle)
 
     # find the largest load, with forces of sliding joints converted to moments
     scale = robot.column_scale
     instant, k = np.unravel_index(np.abs(loads * scale[idle]).argmax(), loads.shape)
     load = float(loads[instant, k])
     column = int(idle[k])
-    largest_torque = np.abs(torques * scale[robot.actuated]).max()
+    largest_torque = np.abs(missing.joint_torques * scale[robot.actuated]).max()
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
 
     joint = robot.coordinates.turn_name(column)
     raise LoadedJoint(
         f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
-        f"{'N' if robot.sliding[column] else 'N m'} at t = {times[instant]:.6g} s: it would move, and change "
-        f"all other forces; {_remedy(robot, column)}",
+        f"{'N' if robot.sliding[column] else 'N m'} at t = {missing.times[instant]:.6g} s: it would move, "
+        f"and change all other forces; {_remedy(robot, column)}",
         joint=joint,
         torque=load,
-        time=float(times[instant]),
+        time=float(missing.times[instant]),
     )
 
 
@@ -196,7 +197,7 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
     return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> tuple[Array, Array, Array]:
+def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> MissingForces:
     """Compute the forces missing for balance between the nodes, and with idle joints on the nodes, too.
 
     On the nodes the equations of all joints but the idle ones hold by construction.
@@ -205,21 +206,21 @@ def _missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> 
         solution: motion and forces on the nodes of the grid.
         result: the series through them.
 
-    Returns:
-        Instants (T,) [s]; the joint torques of the series (T, n_a); the missing forces (T, nv).
+    Raises:
+        NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
     """
     robot = branch.robot
+    _check_dropped_rows(robot, solution)
     needs_nodes = len(robot.structure.idle) > 0
-    checkpoints = solution.checkpoints
-    if checkpoints is not None and not needs_nodes:
-        times, motion, r = checkpoints
+    if result.geometry == "rigid" and solution.checkpoints is not None and not needs_nodes:
+        times, motion, r = solution.checkpoints
     else:
         times = between_nodes(solution.grid)
         times = np.concatenate([times, solution.grid.times]) if needs_nodes else times
         motion = evaluate_motion(branch, result, times)
         r = tree_forces(robot, motion)
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
-    return times, torques, _residual_torques(robot, motion.linearised, r, torques)
+    return MissingForces(times, torques, _residual_torques(robot, motion.linearised, r, torques))
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Motion:

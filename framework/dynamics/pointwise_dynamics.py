@@ -337,9 +337,9 @@ class _TaylorMotion(NamedTuple):
         (r,) = tree_forces(robot, motion)  # of the one instant
         terms = r * uncontrolled.motion  # (nv,), whose sum is eta . r
         rate = np.abs(motion.v / robot.column_scale).max()
-        escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
+        largest_eta = np.abs(uncontrolled.motion / robot.column_scale).max()
         # if all terms are rounding, their scale is the centripetal force of the robot's mass at its length
-        centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
+        centripetal = robot.mass * robot.length**2 * rate**2 * largest_eta
         scale = max(np.abs(terms).sum(), centripetal)
         wrench = float(terms.sum())
         if abs(wrench) > CONDITION_RESIDUAL * scale:

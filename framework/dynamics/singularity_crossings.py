@@ -16,7 +16,7 @@ from framework.dynamics.elasticity import Pass
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
-from framework.kinematics.continuation.tracking import Branch, escape_error
+from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
@@ -27,7 +27,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion, uncontrolled_space
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
@@ -184,7 +184,7 @@ def measure_crossings(
 ) -> tuple[SingularityCrossing, ...]:
     """Compute t_s . W_p = eta . r of the undeformed robot at each of k crossed points.
 
-    If several motions eta escape, the result is that of the motion with the largest relative t_s . W_p.
+    Of several uncontrolled motions eta, that with the largest relative t_s . W_p counts.
 
     Args:
         at_points: (k, nv) forces r of the open tree at the crossed points.
@@ -196,7 +196,7 @@ def measure_crossings(
     for (t, singular), r in zip(crossed, at_points, strict=True):
         eta = singular.motion[None]  # (corank, nv) joint rates of the uncontrolled motions
         if singular.corank > 1:
-            eta = escaping_motions(robot, singular.pose, at_least=singular.corank).motions
+            eta = uncontrolled_space(robot, singular.pose, at_least=singular.corank).motions
         sizes = np.abs(np.vstack([r, along])) @ np.abs(eta).T  # (1 + M, corank)
         least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
         scale = np.maximum(sizes.max(axis=0), least_scale)  # (corank,)
@@ -226,7 +226,9 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
     """
     if singular.corank > 1 and (singular.kind != "type_2" or singular.contact == "tangential"):
         reason = UNCROSSABLE.get(singular.kind, "a Type 2 singularity that it touches without crossing it")
-        raise escape_error(robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}")
+        raise uncontrolled_error(
+            robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}"
+        )
     if singular.kind != "type_2":
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 

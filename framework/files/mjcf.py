@@ -253,18 +253,14 @@ def _add_loops(
     equality, tendons = SubElement(root, "equality"), Element("tendon")
     positions = dict(zip(frames, frames_at(robot, zero[None]).placements[0, :, 3], strict=True))
     for closure in robot.description.closures:
-        if closure.axes == locked_axes("distance") and closure.length is not None:
+        if closure.axes == ROD and closure.length is not None:
             tendon = SubElement(tendons, "spatial", name=closure.name)
             for end in closure.frames:
                 SubElement(tendon, "site", site=end)
             first, second = (positions[end] for end in closure.frames)
             excess = closure.length - float(np.linalg.norm(second - first))
-            words = {
-                "name": closure.name,
-                "tendon1": closure.name,
-                "polycoef": vector_text([excess, 0, 0, 0, 0]),
-            }
-            SubElement(equality, "tendon", words | HARD_EQUALITY)
+            # length = length in the zero pose + excess
+            _add_polynomial(equality, "tendon", {"name": closure.name, "tendon1": closure.name}, excess, 0.0)
             continue
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
@@ -276,12 +272,18 @@ def _add_loops(
 
     for coupling in robot.description.couplings:
         joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
-        # joint1 = offset + ratio joint2, as a polynomial of degree 4 in joint2
-        polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
-        SubElement(equality, "joint", joints | {"polycoef": polynomial} | HARD_EQUALITY)
+        _add_polynomial(equality, "joint", joints, coupling.offset, coupling.ratio)
 
     if len(tendons):
         root.append(tendons)
+
+
+def _add_polynomial(
+    equality: Element, tag: str, members: dict[str, str], offset: float, ratio: float
+) -> None:
+    """Add the equality of a joint or tendon with offset + ratio times another, a polynomial of degree 4."""
+    polynomial = {"polycoef": vector_text([offset, ratio, 0, 0, 0])}
+    SubElement(equality, tag, members | polynomial | HARD_EQUALITY)
 
 
 def _add_connect(equality: Element, name: str, site1: str, site2: str) -> None:
@@ -301,6 +303,7 @@ def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
     return {"pos": vector_text(placement.translation), "quat": vector_text(quaternion)}
 
 
+ROD = locked_axes("distance")  # which a tendon that is held at its length expresses
 # The sets of locked axes that equalities can express, each with the axes on which the equalities need points
 # besides the origin. MuJoCo's own weld is not used: it weights couples by the inertia of a body about its
 # centre, and is soft where this inertia is tiny (a rod about its own axis).
@@ -317,7 +320,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     Raises:
         InvalidInput: no equality locks the axes of a closure; the message has the axes along which it moves.
     """
-    closures = [one for one in robot.description.closures if one.axes != locked_axes("distance")]
+    closures = [closure for closure in robot.description.closures if closure.axes != ROD]
     locked = {closure.name: closure.axes for closure in closures}
     unexpressed = [closure for closure in closures if closure.axes not in OFF_ORIGIN]
     if unexpressed:

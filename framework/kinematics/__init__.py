@@ -7,6 +7,7 @@ What a robot is
                         the table of its equations and the sparsity pattern of dF/dq
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            closes the loops at the reference
+    assembly_search     closes them within the joints' limits, from several starts, also near a platform pose
     loop_structure      which loop equations are redundant, exactly or except for rounding; idle joints
 
 The equations, for stacks of configurations
@@ -24,5 +25,5 @@ From the platform to the joints, and back
 
 For the user
     placements          where joints and frames are drawn
-    diagnostics/        `check`: mobility, search for closed poses, advice; a pose by the names of its file
+    diagnostics/        `check`: mobility, advice; a pose by the names of its file
 """

@@ -47,7 +47,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-SERIES_ROUNDING = 3e-14  # the same of steps from the value of a series, a sum of dozens of terms
+SERIES_ROUNDING = 3e-14  # the same from values of resolved series, sums of dozens of terms near 2 pi
 
 
 def require_square(robot: ParallelRobot) -> None:

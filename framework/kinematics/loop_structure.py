@@ -15,6 +15,7 @@ certificate.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,11 +29,13 @@ from framework.kinematics.assembly import (
     largest_gap,
     nearby_configurations,
 )
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.closures import loop_equations, scale_jacobian, scaled_equations
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_ranges import row_space_basis
 from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.kinematics.platform import PlatformCoordinates
+from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
@@ -269,6 +272,9 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
     Jacobian has singular values of the size of rounding, and the rows are excluded if they also follow from
     the others, up to rounding, at nearby poses.
 
+    Without a stated reference, a pose beyond the joints' limits gives way to one within them, if a search
+    finds one.
+
     Returns:
         The mechanism whose `rows` close exactly, and its closed pose.
 
@@ -282,6 +288,10 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
         if reduced is None:
             raise
         return reduced, close_reference(reduced)
+    if not mechanism.description.reference and positions_beyond_limits(mechanism.limits, closing.q[None]):
+        with suppress(NotAssembled):
+            mechanism = mechanism.near(find_closed_pose(mechanism).q)
+            closing = close_reference(mechanism)
     # for these decisions rows are scaled by the mechanism's size at the closed pose, because its `length` is
     # the size at the file's reference, which may be far off
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))

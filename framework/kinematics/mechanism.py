@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -230,6 +230,10 @@ class Mechanism(ReadOnlyArrays):
         """Return q (nq,) as a `reference` of a robot file: positions by name [rad, m], without springs."""
         values = self.coordinates.positions(q[None])[0]
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
+
+    def near(self, q: Array) -> Self:
+        """Return the mechanism with the pose q (nq,) in the place of its file's reference."""
+        return replace(self, q_near=q, length=reference_length(self.model, q, self.frames))
 
     def __repr__(self) -> str:
         loops = ", ".join(closure.name for closure in self.description.closures)

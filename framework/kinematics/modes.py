@@ -28,7 +28,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, join, select
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
@@ -92,14 +92,12 @@ class ModeStates(NamedTuple):
         return ModeStates(linearised.bases, moving_loops(robot, linearised), signs, logarithms, rates)
 
 
-def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
-    """Return whether each of T successive configurations is in the working mode of its predecessor, (T,).
+def keeps_working_mode(robot: ParallelRobot, *stacks: LinearisedLoops) -> BoolArray:
+    """Return whether each of 1 + T successive configurations has the working mode of its predecessor, (T,).
 
-    `start` (T = 1) is the predecessor of the first of the `ends`. A configuration whose loops have lost rank
-    belongs to no mode.
+    They are in one or several stacks. A configuration whose loops have lost rank belongs to no mode.
     """
-    pair = ModeStates.of(robot, start), ModeStates.of(robot, ends)
-    chain = ModeStates(*map(np.concatenate, zip(*pair, strict=True)))  # of 1 + T configurations
+    chain = join([ModeStates.of(robot, stack) for stack in stacks])
     starts, followers = select(chain, slice(None, -1)), select(chain, slice(1, None))
     least = singular_values(followers.loops).min(axis=1, initial=np.inf)
     return (least >= RANK_LOST) & share_working_mode(robot, starts, followers)

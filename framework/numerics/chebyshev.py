@@ -183,7 +183,7 @@ class TimeFunction(ReadOnlyArrays):
         flat = times.ravel()
         panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
         values = np.empty((flat.size, self.coefficients.shape[2]))
-        for p in np.unique(panel):
+        for p in np.flatnonzero(np.bincount(panel)).tolist():  # the panels with times
             inside = panel == p
             values[inside] = self._evaluate_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])

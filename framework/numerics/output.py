@@ -184,36 +184,46 @@ def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray)
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
-def write_file(file: Path, content: str | bytes, *, option: str = "--html", overwrite: bool = False) -> None:
-    """Write one complete file; if this fails, an existing file stays unchanged.
+def write_files(
+    contents: Mapping[Path, str | bytes], *, option: str = "--html", overwrite: bool = False
+) -> None:
+    """Write complete files, or none; if this fails, existing files stay unchanged.
 
     A file is this program's if it names PROGRAM or, of formats without a place for that, begins alike.
 
     Args:
-        content: bytes, or a text that is written in UTF-8. Characters without UTF-8 encoding, as in paths
-            that are not UTF-8, become question marks.
+        contents: by file: bytes, or a text that is written in UTF-8. Characters without UTF-8 encoding, as
+            in paths that are not UTF-8, become question marks.
         option: command-line option that is named in complaints.
         overwrite: whether a file of another origin is replaced, too.
 
     Raises:
-        OutputError: the file cannot be written, its name belongs to something else than a file, or the file
+        OutputError: a file cannot be written, its name belongs to something else than a file, or the file
             has another origin and is not to be overwritten.
     """
+    with ExitStack() as writing:  # what is written moves to its place at the end
+        for file, content in contents.items():
+            data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
+            target = _overwritable_target(file, data, option, overwrite=overwrite)
+            temporary = writing.enter_context(written_together(target.parent, option=option, file=file))
+            (temporary / target.name).write_bytes(data)
+
+
+def _overwritable_target(file: Path, data: bytes, option: str, *, overwrite: bool) -> Path:
+    """Return where a file with new `data` is written; refuse files of another origin unless `overwrite`."""
     try:
         target = Path(os.path.realpath(file))  # a link stays; the file to which it points is replaced
     except ValueError as error:
         raise OutputError(f"{option}: cannot write {file}: {error}") from None
     if os.path.lexists(target) and not os.path.isfile(target):
         raise OutputError(f"{option}: cannot write {file}: not a regular file")
-    data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
     old = b"" if overwrite or not os.path.isfile(target) else target.read_bytes()
     mark = PROGRAM.encode()
     if old and (mark not in old if mark in data else old[:24] != data[:24]):
         raise OutputError(
             f"{option}: {file} is there already, and not of this program; give another name, or --overwrite"
         )
-    with written_together(target.parent, option=option, file=file) as temporary:
-        (temporary / target.name).write_bytes(data)
+    return target
 
 
 def _is_ours(document: Path) -> bool:

@@ -26,7 +26,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import sign_along, uncontrolled_motion
+from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 Speed = TypeVar("Speed", float, Array)
@@ -77,20 +77,9 @@ def imposed_point(branch: Branch, s: float) -> SingularPoint:
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
     """
-    closed = branch.close(s)
-    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)  # kind of singularity
-    sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
-    return SingularPoint(
-        s=s,
-        kind=kind,
-        contact="imposed",
-        corank=1,
-        twist=sign * twist,
-        platform=closed.x[0],
-        slope=np.nan,
-        motion=sign * motion,
-        pose=closed.linearised,
-    )
+    pose = branch.close(s).linearised
+    least = uncontrolled_motion(branch.robot, pose)._replace(corank=1)
+    return SingularPoint.of(branch, s, pose, least, contact="imposed", slope=np.nan)
 
 
 def condition_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
@@ -173,14 +162,14 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     return Condition8(*values.tolist())
 
 
-def _joint_powers(robot: ParallelRobot, escape: Array, motion: Motion, static: Array) -> tuple[Array, Array]:
+def _joint_powers(robot: ParallelRobot, eta: Array, motion: Motion, static: Array) -> tuple[Array, Array]:
     """Compute the power of each joint in the uncontrolled motion, for each coefficient.
 
     The forces that are bilinear in s' and the deflection rates are the inertial forces of both motions at
     once, less those of each motion alone.
 
     Args:
-        escape: joint rates (nv,) of the uncontrolled motion.
+        eta: joint rates (nv,) of the uncontrolled motion.
         motion: the four motions of `_probe_motions`.
         static: forces (nv,) of weight and external wrenches at rest.
 
@@ -189,10 +178,10 @@ def _joint_powers(robot: ParallelRobot, escape: Array, motion: Motion, static: A
         (2, nv) of moving springs, for gamma and delta.
     """
     # powers (nv,) of the inertial forces in each motion, and of damping in the motions 1 and 2
-    by_acceleration, by_speed, by_springs, by_both = inertial_forces(robot, motion) * escape
-    damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * escape
+    by_acceleration, by_speed, by_springs, by_both = inertial_forces(robot, motion) * eta
+    damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * eta
     bilinear = by_both - by_speed - by_springs
-    rigid = np.array([by_acceleration, by_speed, static * escape, damping_by_speed])
+    rigid = np.array([by_acceleration, by_speed, static * eta, damping_by_speed])
     return rigid, np.array([by_springs + damping_by_springs, bilinear])
 
 
@@ -258,11 +247,11 @@ def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Arr
     robot = branch.robot
     units = robot.length / robot.platform_scale  # [m] per unit of each platform coordinate
     tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()  # [m] of dx/ds
-    escape = np.abs(crossing.twist * units).max()  # of t_s
+    twist_size = np.abs(crossing.twist * units).max()  # [m] of t_s
 
     load = robot.mass * np.linalg.norm(robot.model.gravity.linear)  # [N] weight and external wrenches
     for wrench in branch.wrenches.entries:
         force_and_moment = wrench(np.array([crossing.s])).reshape(2, 3)
         force, moment = np.linalg.norm(force_and_moment, axis=1)
         load += force + moment / robot.length
-    return escape * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
+    return twist_size * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])

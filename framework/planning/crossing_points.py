@@ -140,7 +140,7 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
     """Refuse points at which the polynomial law would have several conditions to meet.
 
     Where the path touches the locus, finite torques need condition (8) and its time derivative. A point where
-    several motions escape at once needs one condition for each motion.
+    several motions are uncontrolled at once needs one condition for each motion.
 
     Raises:
         NoLaw: there is such a point; the message names a remedy.

@@ -26,7 +26,7 @@ from framework.numerics.arrays import Array
 from framework.planning.condition import Condition8, Deflection, coefficients_at
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import least_controlled_motion, sign_along
+from framework.singularity.type2 import least_controlled_motion
 
 PlannedCrossing = tuple[SingularPoint, Condition8]  # the condition that holds at the point
 
@@ -100,27 +100,13 @@ def track_points(
     )
 
 
-def describe_points(branch: Branch, tracked: TrackedPoints, kinds: Sequence[str]) -> list[SingularPoint]:
-    """Return tracked points as singular points, each of its kind."""
+def describe_points(branch: Branch, tracked: TrackedPoints) -> list[SingularPoint]:
+    """Return tracked points as singular points of Type 2; at others no law is planned."""
     points = []
-    for k, kind in enumerate(kinds):
-        s = float(tracked.s[k])
+    for k, (s, slope) in enumerate(zip(tracked.s.tolist(), tracked.slopes.tolist(), strict=True)):
         pose = tracked.pose.select(k)
-        twist, motion = least_controlled_motion(branch.robot, pose)
-        sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
-        points.append(
-            SingularPoint(
-                s=s,
-                kind=kind,
-                contact="transversal",
-                corank=1,
-                twist=sign * twist,
-                platform=branch.path(s),
-                slope=float(tracked.slopes[k]),
-                motion=sign * motion,
-                pose=pose,
-            )
-        )
+        least = least_controlled_motion(branch.robot, pose)
+        points.append(SingularPoint.of(branch, s, pose, least, contact="transversal", slope=slope))
     return points
 
 
@@ -157,7 +143,7 @@ class CrossingTracker:
         if not points[0].is_imposed:
             start = self.tracked or TrackedPoints.at_rest(branch, points)
             self.tracked = track_points(branch, start, at_crossings.value)
-            points = describe_points(branch, self.tracked, [point.kind for point in points])
+            points = describe_points(branch, self.tracked)
         each = [Deflection(*values) for values in zip(*at_crossings, strict=True)]
         conditions = [coefficients_at(branch, *at) for at in zip(points, each, strict=True)]
         self.conditions = () if points[0].is_imposed else tuple(conditions)

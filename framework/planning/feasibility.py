@@ -172,8 +172,8 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     The result has two cosines that explain the coefficients: `weight_share`, between gravity and the velocity
     of the centre of mass in the uncontrolled motion, and `tangent_share`, between the path's tangent and t_s.
 
-    The result is None where several motions escape, so that one condition is not enough, and where the
-    singularity is not of Type 2, so that the condition does not apply.
+    The result is None where several motions are uncontrolled, so that one condition is not enough, and where
+    the singularity is not of Type 2, so that the condition does not apply.
     """
     if singular.corank > 1:
         return None
@@ -215,7 +215,7 @@ def _cosine(a: Array, b: Array) -> float:
 def is_crossable(searched: SearchedPath) -> bool:
     """Return whether condition (8) admits a law at each singular point of a searched path.
 
-    It admits none where several motions escape or the singularity is not of Type 2 (both without a
+    It admits none where several motions are uncontrolled or the singularity is not of Type 2 (both without a
     feasibility), where the path touches the locus or ends on it, and where no speed or acceleration meets it.
     """
     return not any(

@@ -341,7 +341,7 @@ class ModelOnMotion:
         deflection = Deflection.evaluate(deflections, crossing.time)
         at_rest = TrackedPoints.at_rest(branch, [singular])
         tracked = track_points(branch, at_rest, deflection.value[None])
-        (point,) = describe_points(branch, tracked, [singular.kind])
+        (point,) = describe_points(branch, tracked)
         condition = condition_at(branch, point, deflection)
         if self.friction is not None:
             friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]

@@ -69,7 +69,7 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
     Raises:
         InvalidInput: invalid arguments, for instance more times than the path has crossings.
         NoLaw: no law can cross (the message says what would help), or none that advances was found.
-        UncontrolledMotions: no law can cross a point where several motions escape the motors at once.
+        UncontrolledMotions: no law can cross a point where several motions are uncontrolled at once.
         UnboundedTorque: the law violates condition (8) at a singularity.
         LimitsExceeded: the motion exceeds limits; only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
@@ -380,7 +380,7 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
-    law = undeformed_polynomial(to_cross, request)
+    law, _timing, _high = undeformed_polynomial(to_cross, request)
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
 
 

@@ -24,9 +24,7 @@ from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
-from framework.planning.condition import (
-    require_effect,
-)
+from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
 from framework.planning.options import OPTIMAL_LAW
@@ -78,25 +76,19 @@ def plan_polynomial(
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    timing, high = raised or timing_of(to_cross, request, searched=searched)
+    if raised is None:
+        undeformed, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
+    else:
+        timing, high = raised
+        undeformed = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
-    def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
-        """Solve for the law of a pass at given deflections; check the first law.
-
-        Args:
-            deflections: deflections (n_e) as a function of time; None before the first pass.
-            previous: the law of the pass before.
-        """
+    def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> Law:
+        """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
         if deflections is None or request.geometry != "deformed":
-            crossings = _undeformed_crossings(to_cross)
-        else:
-            crossings = _deformed_crossings(tracker, deflections)
-        law = _solve_law(crossings, timing, request, name, high)
-        if previous is None and raised is None:
-            _check_advance(law, request, to_cross.points, name)
-        return law
+            return undeformed
+        return _solve_law(_deformed_crossings(tracker, deflections), timing, request, name, high)
 
     # torques and certificate, of a law that each pass chooses or of a fixed one
     resolve_with = partial(
@@ -212,20 +204,6 @@ def _balance_accelerations(
     return law_of(balance.scalars), balance.deflections
 
 
-def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
-    """Compute the law of the undeformed robot; its torques are neither computed nor certified.
-
-    Raises:
-        InvalidInput: times or speeds of the request do not suit the path.
-        NoAnswer: no law meets the conditions and advances, see `plan_crossing`.
-    """
-    name = to_cross.branch.robot.name
-    timing, high = timing_of(to_cross, request)
-    law = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
-    _check_advance(law, request, to_cross.points, name)
-    return law
-
-
 def _check_advance(
     law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
 ) -> None:
@@ -312,22 +290,26 @@ def _solve_law(
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
-def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True) -> Timing:
-    """Return times and speeds of the undeformed robot's crossings, and the law's coefficients of high degree.
+def undeformed_polynomial(
+    to_cross: PathToCross, request: Request, *, searched: bool = True
+) -> tuple[Law, tuple[CrossingTime, ...], Array]:
+    """Compute a law of the undeformed robot that advances; its torques are neither computed nor certified.
 
-    Open times and speeds are chosen. There are no coefficients of high degree if the law of least degree
-    advances, or if the times are open.
+    Open times and speeds are chosen.
 
     Args:
         searched: whether open ones are searched if none of the first ones will do.
 
+    Returns:
+        The law; times and speeds of its crossings; its coefficients above the least degree. These are none if
+        the law of least degree advances, or if the times are open.
+
     Raises:
-        InvalidInput: a time is not inside the motion.
+        InvalidInput: times or speeds of the request do not suit the path.
         NoLaw: no law can cross, or none that advances was found.
     """
     duration = request.fixed_duration
-    if not to_cross.crossing_points:
-        return (), NO_HIGH
+    name = to_cross.branch.robot.name
     check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
     for t in request.times or ():
         if not 0 < t < duration:
@@ -346,22 +328,20 @@ def timing_of(to_cross: PathToCross, request: Request, *, searched: bool = True)
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values)
 
-    name = to_cross.branch.robot.name
     try:
-        timing = choose_timing(s, request, measure, name, searched=searched)
-        if request.times is not None:
-            _check_advance(
-                _solve_law(crossings, timing, request, name, NO_HIGH), request, to_cross.points, name
-            )
-        return timing, NO_HIGH
+        timing = choose_timing(s, request, measure, name, searched=searched) if s else ()
+        law = _solve_law(crossings, timing, request, name, NO_HIGH)
+        _check_advance(law, request, to_cross.points, name)
+        return law, timing, NO_HIGH
     except NoLaw as refusal:
-        if request.times is None:
+        if not request.times:
             raise
         raised = _raise_degree(crossings, request)
         if raised is None:
             refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
             raise
-        return raised
+        timing, high = raised
+        return _solve_law(crossings, timing, request, name, high), timing, high
 
 
 def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Timing | None:

@@ -24,14 +24,14 @@ On the path, springs at rest:
 
 At a singular point:
 
-    UncontrolledMotions: motions escape that cannot be told apart
+    UncontrolledMotions: uncontrolled motions that cannot be told apart
         singularity.points_on_path.search_path
-        kinematics.continuation.tracking.escape_error
+        kinematics.continuation.tracking.uncontrolled_error
     NoLaw: a singular point is not of Type 2
         dynamics.singularity_crossings.check_kind
-    UncontrolledMotions: several motions escape, not all across the locus
+    UncontrolledMotions: several motions are uncontrolled, not all across the locus
         dynamics.singularity_crossings.check_kind
-        kinematics.continuation.tracking.escape_error
+        kinematics.continuation.tracking.uncontrolled_error
     NoLaw: the path starts or ends on the locus
         planning.crossing_points.check_crossable
 
@@ -58,7 +58,7 @@ The optimal law:
         planning.optimal.optimal_task.check_speeds
     UncontrolledMotions: no law meets the conditions of several motions
         planning.optimal.optimal_task.check_speeds
-        kinematics.continuation.tracking.escape_error
+        kinematics.continuation.tracking.uncontrolled_error
     NoLaw: a motor cannot hold an end of the path, or limits are too low
         planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
@@ -75,7 +75,7 @@ The optimal law:
 The motion, under either law or one of the user's own:
 
     NoLaw: the motion stops on the locus
-        dynamics.singularity_crossings.rigid_crossings
+        dynamics.singularity_crossings.find_crossed_points
     UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
         dynamics.singularity_crossings.check_bounded
     NoLaw: the deflected robot has no singular point near the crossing
@@ -102,7 +102,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.motion_checks.measure_residuals
+        dynamics.motion_checks.find_missing_forces
     LoadedJoint: a joint is loaded that nothing holds
         dynamics.motion_checks.check_idle_joints
 

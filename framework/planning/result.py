@@ -243,7 +243,7 @@ def certified_plan(
     law: PlannedLaw,
     timing: Sequence[CrossingTime],
     *,
-    conditions: Sequence[Condition8] | None = None,
+    conditions: Sequence[Condition8 | None] | None = None,
     reason: str = "",
     optimality: Optimality | None = None,
 ) -> CrossingPlan:
@@ -253,19 +253,14 @@ def certified_plan(
         dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
-        conditions: (8) at the crossings of points of the request, with the deflections of the motion; None to
-            compute them.
+        conditions: (8) at each crossing, with the deflections of the motion; by default they are computed.
         reason, optimality: fields of the plan.
     """
     crossings = []
-    point_indices = _match_points(to_cross, dynamics.crossings)
     if conditions is None:
-        conditions = _find_conditions(to_cross, request, dynamics, point_indices)
-    remaining = iter(conditions)
-    for measured, index in zip(dynamics.crossings, point_indices, strict=True):
+        conditions = _find_conditions(to_cross, request, dynamics)
+    for measured, condition in zip(dynamics.crossings, conditions, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
-        # None where the request did not ask for condition (8)
-        condition = None if index is None else next(remaining)
         crossings.append(
             Crossing(
                 s=measured.s,
@@ -326,18 +321,21 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
 
 
 def _find_conditions(
-    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, point_indices: Sequence[int | None]
-) -> list[Condition8]:
-    """Compute condition (8) at all crossings of points of the request, with the deflections of a motion.
+    to_cross: PathToCross, request: Request, dynamics: InverseDynamics
+) -> list[Condition8 | None]:
+    """Compute condition (8) at each crossing of a motion, with its deflections.
 
-    Args:
-        dynamics: the motion under the law, whose deflections shift the points.
-        point_indices: for each crossing of the motion the index of its point, or None.
+    It is None at crossings for which the request did not ask for the condition.
     """
-    matched = [k for k, index in enumerate(point_indices) if index is not None]
-    if request.geometry != "deformed":
-        return [to_cross.undeformed_crossings[point_indices[k] or 0][1] for k in matched]
-    points = [to_cross.crossing_points[point_indices[k] or 0] for k in matched]
-    times = np.array([dynamics.crossings[k].time for k in matched])
-    tracker = CrossingTracker(to_cross.branch, points, times)
-    return [condition for _point, condition in tracker.follow(dynamics.deflection)]
+    indices = _match_points(to_cross, dynamics.crossings)
+    matched = [(k, index) for k, index in enumerate(indices) if index is not None]
+    if request.geometry == "deformed":
+        points = [to_cross.crossing_points[index] for _, index in matched]
+        times = np.array([dynamics.crossings[k].time for k, _ in matched])
+        crossings = CrossingTracker(to_cross.branch, points, times).follow(dynamics.deflection)
+    else:
+        crossings = [to_cross.undeformed_crossings[index] for _, index in matched]
+    conditions: list[Condition8 | None] = [None] * len(indices)
+    for (k, _), (_point, condition) in zip(matched, crossings, strict=True):
+        conditions[k] = condition
+    return conditions

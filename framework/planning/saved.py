@@ -58,7 +58,7 @@ from framework.numerics.fields import (
     whole,
 )
 from framework.numerics.input import read_text
-from framework.numerics.output import Document, json_text, plain, select_fields, write_file
+from framework.numerics.output import Document, json_text, plain, select_fields, write_files
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.options import OPTIONS
@@ -135,7 +135,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
         OutputError: it cannot be written.
     """
     file = FilePath(folder) / FILE
-    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan", overwrite=True)
+    write_files({file: json_text(plan_document(plan, file.parent))}, option="save_plan", overwrite=True)
     return file
 
 

@@ -85,9 +85,11 @@ def quantity_colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Color
 def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = None) -> Axes:
     """Plot one quantity of a map, with the singular locus and a path of the platform on top.
 
-    Without a path the reference is marked.
+    Without a path the reference is marked. Over one coordinate the quantity is a curve.
     """
     quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
+    if len(workspace.window.axes) == 1:
+        return _plot_stroke(workspace, quantity, path)
     ax = _make_axes(workspace, quantity)
     ax.set_facecolor(UNREACHED)
     legend_entries = []  # colour and label of each shade
@@ -108,6 +110,50 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
         ax.plot([], [], "s", color=colour, label=label)
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
     ax.figure.legend(loc="outside lower left", ncols=2)
+    return ax
+
+
+def _plot_stroke(workspace: WorkspaceMap, quantity: Quantity, path: Path | None) -> Axes:
+    """Plot a quantity over the only coordinate; shade where no pose counts, and mark singular points."""
+    robot = workspace.robot
+    ax = ensure_axes(None, height=2.6)
+    values = workspace.values[quantity.key][:, 0]
+    x = workspace.window.spans[0]
+    _, norm = quantity_colours(workspace, quantity)
+    ax.plot(x, values, **line_style(0))
+    if quantity.decades:
+        ax.set_yscale("log")
+    if (np.abs(values[np.isfinite(values)]) > 10.0 * abs(norm.vmax or np.inf)).any():
+        ax.set_ylim(norm.vmin, norm.vmax)  # a pole would hide the rest
+    lower, upper = _window_edges(workspace)[0]
+    for is_missing, colour, label in (
+        (~(workspace.reached | workspace.beyond_ranges)[:, 0], UNREACHED, "not reached"),
+        (workspace.beyond_ranges[:, 0], BEYOND, "beyond a limit"),
+        (mask_not_carried(workspace, quantity)[:, 0], NOT_CARRIED, "load not carried"),
+    ):
+        if is_missing.any():
+            shaded = np.repeat(is_missing, 2)  # of each cell its two edges
+            edges = np.repeat(np.linspace(lower, upper, len(x) + 1), 2)[1:-1]
+            whole = ax.get_xaxis_transform()
+            ax.fill_between(edges, 0, 1, shaded, transform=whole, color=colour, linewidth=0, label=label)
+    for is_type2, label, dash in ((True, TYPE_2, "-"), (False, OF_LOOPS, ":")):
+        points = [curve.x[0, 0] for curve in workspace.locus.curves if curve.is_type2 == is_type2]
+        for k, point in enumerate(points):
+            ax.axvline(point, color=LOCUS, linewidth=1.4, linestyle=dash, label=None if k else label)
+    if path is None:
+        ax.axvline(robot.reference.x[0], color="black", linewidth=0.6, linestyle="--", label="reference")
+    else:
+        line, _ = path_on_map(workspace, path)
+        ax.axvspan(line.min(), line.max(), ymax=0.03, color=PATH, label="path")
+    unit = quantity_unit(robot, quantity)
+    ax.set(xlim=(lower, upper), xlabel=f"{robot.axis_names[0]}  [{robot.axis_units[0]}]")
+    label = f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)")
+    ax.set_ylabel(fill(label, LETTERS // 2))
+    heading = [fill(line, LETTERS) for line in (quantity.name, map_title(workspace))]
+    drawing = ax.figure
+    assert isinstance(drawing, Figure)
+    drawing.suptitle("\n".join(heading), fontsize=8, x=0.02, ha="left")
+    drawing.legend(loc="outside lower left", ncols=2)
     return ax
 
 

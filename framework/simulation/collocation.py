@@ -5,7 +5,7 @@ P_s(2c - 1) - P_{s-1}(2c - 1). The last node is the end of the step. The order i
 and s along it. The method is L-stable: free motions that a step does not resolve decay. A coordinate without
 inertia is solved for, not integrated.
 
-The unknowns at every node are all accelerations a (nv,) and multipliers lambda (m,):
+The unknowns at every node are all accelerations a (nv,) and multipliers lambda (R,):
 
     M a + c + g + K (q - rest) + D v - S' n tau - f - J' lambda = 0        F(q) = 0
 
@@ -23,7 +23,7 @@ the changes dq at the nodes, with dq = h A dv = h^2 A A da:
 Here D and K are the derivatives of the force by v and q. At each node J' = Q R. The loop equations determine
 the part -Q R'^-1 residual of dq. The remaining part lies in the null space Z of J, and multiplying the
 balance by Z' eliminates dlambda. The matrix to factorise has s (nv - m) rows instead of s (nv + m): 48
-instead of 528 for a Delta robot with s = 16.
+instead of 528 for a Delta robot with s = 16. If J has R > m rows, its pseudo-inverse stands for Q R'^-1.
 
 Sources: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI;
 Benzi, Golub and Liesen 2005, "Numerical solution of saddle point problems", Acta Numerica 14, DOI
@@ -44,7 +44,7 @@ from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.simulation.consistent_states import MAX_ITERATIONS
 from framework.simulation.drive import Drive
-from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.simulation.equations import EquationsOfMotion, State, Tangent, singular_vectors
 from framework.tolerances import NEWTON_STEP
 
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate, or of its motion in a step, that is rounding
@@ -119,7 +119,7 @@ class CollocationStep(ReadOnlyArrays):
     q: Array  # (s, nq)
     v: Array  # (s, nv)
     a: Array  # (s, nv)
-    multipliers: Array  # (s, m) of the loop equations
+    multipliers: Array  # (s, R) of the loop equations
     # (s, nv) rate of the tangent offset q - start, at the nodes; equals v if the robot has no balls
     offset_rate: Array
     power: Array  # (s,) of the motors and the external wrenches [W]
@@ -164,7 +164,7 @@ class StepEquations:
         *,
         refactoring_rate: float = 0.02,  # ratio of Newton steps above which the matrix is factorised anew
     ) -> CollocationStep:
-        """Solve by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m).
+        """Solve by Newton's method from guesses of accelerations (s, nv) and multipliers (s, R).
 
         Args:
             accuracy: bound on the error that the last Newton step leaves [rad, robot lengths].
@@ -289,7 +289,13 @@ class StepEquations:
             by_v[:, robot.actuated] -= gains_v
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
-            return NewtonMatrix.of(self.length, self.table.differentiation, by_motion, tangent.jacobian)
+            return NewtonMatrix.of(
+                self.length,
+                self.table.differentiation,
+                by_motion,
+                tangent.jacobian,
+                rank=self.equations.rank,
+            )
         except np.linalg.LinAlgError:
             raise StepFailed("singular equations") from None
 
@@ -343,13 +349,15 @@ class NewtonMatrix:
     length: float
     differentiation: Array  # (s, s) A^-1 of the table
     by_motion: Array  # (s, nv, 3 nv) derivatives of the force by a, v and q, side by side
-    right_inverse: Array  # (s, nv, m) Q R'^-1 of J
+    right_inverse: Array  # (s, nv, R) Q R'^-1 of J
     Z: Array  # (s, nv, nv - m) null space of J
     lu: Array  # (s (nv - m), s (nv - m)) LU factors, as LAPACK stores them
     pivots: Array  # (s (nv - m),) row exchanges of the LU factors
 
     @staticmethod
-    def of(length: float, differentiation: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:
+    def of(
+        length: float, differentiation: Array, by_motion: Array, jacobian: Array, *, rank: int
+    ) -> NewtonMatrix:
         """Factorise the matrix, multiplied by h^2.
 
         With M, D, K the derivatives of the force by a, v, q and A of the table, block (i, j) of the matrix
@@ -359,14 +367,14 @@ class NewtonMatrix:
             length: h [s].
             differentiation: A^-1 (s, s).
             by_motion: M, D, K side by side, (s, nv, 3 nv).
-            jacobian: J (s, m, nv) of the loop equations.
+            jacobian: J (s, R, nv) of the loop equations, of this `rank`.
 
         Raises:
             numpy.linalg.LinAlgError: the equations are singular.
         """
         from scipy.linalg.lapack import dgetrf
 
-        right_inverse, Z = _eliminate_loops(jacobian)
+        right_inverse, Z = _eliminate_loops(jacobian, rank)
         s, nv, f = Z.shape  # f = nv - m
 
         # Z_i' M_i, Z_i' D_i and Z_i' K_i of all nodes i below one another, (s f, nv) each
@@ -393,10 +401,10 @@ class NewtonMatrix:
 
         Args:
             force: residual of the balance of forces, (s, nv).
-            residual: residual of the loop equations, (s, m).
+            residual: residual of the loop equations, (s, R).
 
         Returns:
-            The changes of q (s, nv), as tangent vectors, of accelerations (s, nv), and of multipliers (s, m).
+            The changes of q (s, nv), as tangent vectors, of accelerations (s, nv), and of multipliers (s, R).
         """
         from scipy.linalg.lapack import dgetrs
 
@@ -420,13 +428,16 @@ class NewtonMatrix:
         return np.concatenate([da, dv, dq], axis=1)
 
 
-def _eliminate_loops(jacobian: Array) -> tuple[Array, Array]:
-    """Compute the right inverse and the null space of J (s, m, nv).
+def _eliminate_loops(jacobian: Array, m: int) -> tuple[Array, Array]:
+    """Compute the right inverse and the null space of J (s, R, nv) of rank m.
 
     Returns:
-        Q R'^-1 (s, nv, m); an orthonormal basis Z (s, nv, nv - m).
+        Q R'^-1, or the pseudo-inverse if R > m, (s, nv, R); an orthonormal basis Z (s, nv, nv - m).
     """
-    m = jacobian.shape[1]
+    if jacobian.shape[1] > m:
+        U, values, V_rows = singular_vectors(jacobian, m)
+        inverse = (V_rows[:, :m].transpose(0, 2, 1) / values[:, None]) @ U.transpose(0, 2, 1)
+        return inverse, V_rows[:, m:].transpose(0, 2, 1)
     Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
     right_inverse = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)
     return right_inverse, Q[:, :, m:]

@@ -32,7 +32,7 @@ from framework.kinematics.frames import frame_motions, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.drive import NO_FORCES, WorldForces
-from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.simulation.equations import EquationsOfMotion, State, Tangent, singular_vectors
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, RANK_ROUNDING, SPRINGS_BALANCED
 
 MAX_ITERATIONS = 12  # of Newton's method, here and in collocation steps
@@ -44,26 +44,26 @@ class AllowedMotions(NamedTuple):
 
     basis: Array  # (T, nv, d) joint rates of d independent motions, by ascending inertia
     light: BoolArray  # (T, d) whether a motion moves no mass; such motions come first
-    # (T, nv, m) pseudo-inverse of J: the least joint rates for a unit rate of each loop equation
+    # (T, nv, R) pseudo-inverse of J: the least joint rates for a unit rate of each loop equation
     closing: Array
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
     """Compute the motions that the loops allow, the same to the last bit in every stack.
 
-    The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows are left
-    out of J. A further loss of rank is a singularity of the closures and adds no allowed motion.
+    The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows do not
+    add to the rank m of J. A further loss of rank is a singularity of the closures and adds no motion.
 
     Args:
         tangent: the terms of the equations at T states.
     """
     robot = equations.robot
-    m = tangent.jacobian.shape[1]  # number of independent loop equations
+    m = equations.rank
     scale = robot.column_scale[:, None]  # (nv, 1)
 
     # null space of the loops, in joint rates divided by their scale; `rotation` marks rows without a length
-    J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
-    U, values, V_rows = np.linalg.svd(J)
+    J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, R, nv)
+    U, values, V_rows = singular_vectors(J, m)
     Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
 
     # Eigenvectors of the reduced mass matrix are motions of independent inertia. A motion has no mass if this
@@ -74,18 +74,19 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
     all_inertias = np.concatenate([inertias, joint_inertias], axis=1)
     light = inertias <= EIGENVALUE_ROUNDING * all_inertias.max(axis=1, initial=0.0, keepdims=True)
+    row_lengths = np.where(equations.rows.rotation, 1.0, robot.length)  # (R,)
     return AllowedMotions(
         basis=scale * matmul(Z, axes),
         light=light,
-        closing=scale * (_pseudo_inverse(U, values, V_rows) / robot.loop_lengths),
+        closing=scale * (_pseudo_inverse(U, values, V_rows) / row_lengths),
     )
 
 
 def _pseudo_inverse(left: Array, values: Array, right: Array) -> Array:
-    """Compute pseudo-inverses (T, k, m), m <= k, from singular value decompositions.
+    """Compute pseudo-inverses (T, k, R) of rank m <= k from singular value decompositions.
 
     Args:
-        left: left singular vectors (T, m, m), in columns.
+        left: left singular vectors (T, R, m), in columns.
         values: singular values (T, m).
         right: right singular vectors (T, k, k), in rows.
     """
@@ -132,10 +133,10 @@ def consistent_state(
     size = np.inf
     for _ in range(MAX_ITERATIONS):
         tangent = equations.tangent_at_rest(q)
-        _, light = free_motions(equations, tangent)
+        allowed = allowed_motions(equations, tangent)
+        light = allowed.basis[0][:, allowed.light[0]]  # (nv, k)
         # the least step that closes the loops, measured in radians and robot lengths; `tangent` has T = 1
-        loops = tangent.jacobian[0] * scale
-        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
+        step = -allowed.closing[0] @ tangent.residual[0]
         if light.shape[1]:
             # sum of gravity, springs and damping minus motor and external forces
             unbalanced = tangent.force[0] + equations.damping * v - driven
@@ -182,7 +183,7 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
         InvalidInput: a motion has neither mass nor stiffness nor damping.
     """
     # loop forces that balance the other forces in the sense of least squares
-    multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
+    multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=EIGENVALUE_ROUNDING)[0]
     curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
     dampers = light.T @ np.diag(equations.damping) @ light
@@ -228,16 +229,19 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     with joint rates over their units and with the dimensionless J, so that one tolerance decides which
     singular values are zero. `tangent` has the terms of one configuration (T = 1).
     """
-    rows = len(equations.rows.names)  # m independent loop equations
-    if not rows:
+    m = equations.rank
+    if not m:
         return v
     scale = equations.robot.column_scale  # (nv,) units of the joints: 1 rad or the robot's length
     # J (m, nv) of the configuration; `rotation` marks the rows that have no length to be divided by
     J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
+    if len(J) > m:
+        U, _, _ = singular_vectors(J[None], m)
+        J = U[0].T @ J
     mass = tangent.mass[0] * scale[:, None] * scale
     # M is divided by its largest entry, to have the size of J; this scales the impulse alone
     largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
-    matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
+    matrix = np.block([[mass / largest, J.T], [J, np.zeros((m, m))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
     # least squares, as massless motions make the matrix singular
     dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=EIGENVALUE_ROUNDING)[0]
@@ -269,7 +273,7 @@ def accelerations(
             stiffness nor damping.
     """
     tangent = equations.tangent(q, v, np.zeros(v.shape))
-    Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
+    Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, R)
     force = equations.motor_forces(torque) + applied - tangent.force  # (T, nv) without the loop forces
     for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""

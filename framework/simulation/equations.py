@@ -6,7 +6,8 @@
 * K: the springs of the robot file and those on joints of the URDF;
 * D: the viscous damping of the joints and what the caller adds;
 * n tau: the motor torques on the joint side;
-* F, J: the independent loop equations and their Jacobian.
+* F, J: the R loop equations and their Jacobian of rank m. R = m unless no m fixed rows suffice in all poses;
+  then lambda is the shortest of all that have the same forces.
 
 The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
 Pinocchio is called once for each state; all other computations treat the whole stack.
@@ -51,15 +52,15 @@ def stack_states(states: Sequence[State]) -> State:
 
 
 class Tangent(NamedTuple):
-    """The equations linearised at T states: left side with derivatives, and the m loop equations."""
+    """The equations linearised at T states: left side with derivatives, and the R loop equations."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v [N m, N]
     by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q
     by_v: Array  # (T, nv, nv) derivatives of the force by v
     mass: Array  # (T, nv, nv) M, with rotors
     frames: FrameStack
-    residual: Array  # (T, m) F [m, rad]
-    jacobian: Array  # (T, m, nv) J
+    residual: Array  # (T, R) F [m, rad]
+    jacobian: Array  # (T, R, nv) J
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class EquationsOfMotion:
 
     robot: ParallelRobot
     damping: Array  # (nv,) [N m s/rad, N s/m] of every joint rate
-    rows: LoopRows  # of the independent loop equations
+    rows: LoopRows  # of the R loop equations that suffice in all poses
     rotors: Array  # (nv,) inertia [kg m^2, kg], joint side; 1 on idle joints without mass
     stiffness: Array  # (nv,) [N m/rad, N/m]
 
@@ -88,7 +89,7 @@ class EquationsOfMotion:
         equations = EquationsOfMotion(
             robot=robot,
             damping=added + robot.joint_damping,
-            rows=robot.loops,
+            rows=robot.spanning_loops,
             rotors=robot.rotors,
             stiffness=robot.all_stiffness,
         )
@@ -107,6 +108,11 @@ class EquationsOfMotion:
         rotors = self.rotors.copy()
         rotors[massless] = 1.0
         return replace(self, rotors=rotors)
+
+    @property
+    def rank(self) -> int:
+        """Number m of loop equations that are independent in a regular pose."""
+        return len(self.robot.structure.independent)
 
     def motor_forces(self, torque: Array) -> Array:
         """Compute generalised forces S' n tau (T, nv) of motor torques tau (T, n_a) [N m], motor side."""
@@ -161,6 +167,15 @@ class EquationsOfMotion:
         deflection = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest  # (T, nv)
         springs = 0.5 * (deflection**2 @ self.stiffness)
         return np.array(tree) + (rotors + springs)
+
+
+def singular_vectors(jacobian: Array, m: int) -> tuple[Array, Array, Array]:
+    """Decompose J (T, R, nv) of rank m: U (T, R, m), values (T, m), all right vectors in rows (T, nv, nv).
+
+    Rounding and open loops add to the rank of R > m rows. The m largest singular values are those of J.
+    """
+    U, values, V_rows = np.linalg.svd(jacobian)
+    return U[:, :, :m], values[:, :m], V_rows
 
 
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:

@@ -225,8 +225,10 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
         NotAssembled: a loop equation opens that was redundant at the reference.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    redundant = robot.structure.dropped  # indices of the rows
-    largest_independent = gaps[:, robot.structure.independent].max(initial=0.0)
+    solved = robot.structure.spanning  # indices of the rows; higher ones are rounded and not among `rows`
+    solved = solved[solved < gaps.shape[1]]
+    redundant = np.setdiff1d(np.arange(gaps.shape[1]), solved)
+    largest_independent = gaps[:, solved].max(initial=0.0)
     # A redundant row is a combination of independent ones, so their gaps may add up in it: the factor 10 is a
     # margin for that. Frames that are rounded in the robot file open it, too.
     allowed = FILE_ROUNDING * robot.row_lengths[redundant] + 10 * largest_independent

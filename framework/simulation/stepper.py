@@ -43,27 +43,28 @@ from framework.kinematics.frames import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.ordered_sums import matvec, solve
+from framework.numerics.ordered_sums import matmul, matvec, solve
 from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.drive import NO_FORCES, WorldForces
 from framework.simulation.equations import (
     EquationsOfMotion,
     State,
     check_damping,
+    singular_vectors,
     spring_forces,
     stack_states,
 )
 
 
 class Terms(NamedTuple):
-    """The terms of the equations of motion of R runs, with m loop equations; no derivatives."""
+    """The terms of the equations of motion of R runs, with r loop equations; no derivatives."""
 
     mass: Array  # (R, nv, nv) M with rotors
     bias: Array  # (R, nv) c + g, Coriolis, centrifugal and gravity forces
     frames: FrameStack
-    residual: Array  # (R, m) of the loop equations [m, rad]
-    jacobian: Array  # (R, m, nv) of the loop equations
-    drift: Array  # (R, m) second time derivatives of the loop equations without joint accelerations
+    residual: Array  # (R, r) of the loop equations [m, rad]
+    jacobian: Array  # (R, r, nv) of the loop equations
+    drift: Array  # (R, r) second time derivatives of the loop equations without joint accelerations
 
 
 SCHEMES = ("midpoint", "extrapolated")
@@ -251,13 +252,13 @@ class Stepper:
         # the two solutions differ in the bias forces, and in the drift of the loops
         forces = driven - spring_forces(robot, self.stiffness, self.rest, middle) - self.damping * v
         closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
-        guess = _solve_accelerations(
+        guess = self._solve_accelerations(
             implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
         )
 
         v_middle = v + 0.5 * h * guess
         terms = terms._replace(bias=self.bias(middle, v_middle), drift=self.drift(terms.frames, v_middle))
-        v_end = v + h * _solve_accelerations(
+        v_end = v + h * self._solve_accelerations(
             implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
         )
         return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
@@ -273,7 +274,7 @@ class Stepper:
         Args:
             start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
-            closing_rate: rates (R, m) of the loop equations after the step. By default the step closes
+            closing_rate: rates (R, r) of the loop equations after the step. By default the step closes
                 CLOSING_SHARE of every gap.
 
         Returns:
@@ -288,7 +289,7 @@ class Stepper:
         springs = spring_forces(robot, self.stiffness, self.rest, predicted)
         forces = driven - terms.bias - springs - self.damping * v
         loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
-        v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
+        v_end = v + h * self._solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
         return State(integrate(robot, q, h * v_end), v_end), closing_rate
 
     def _extrapolate(self, start: State, driven: Array, h: float) -> State:
@@ -301,13 +302,37 @@ class Stepper:
             start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
         """
-        whole, closing_rate = self._step_by_euler(start, driven, h)  # rate (R, m) of the loop equations
+        whole, closing_rate = self._step_by_euler(start, driven, h)  # rate (R, r) of the loop equations
         half, _ = self._step_by_euler(start, driven, 0.5 * h, closing_rate)
         halves, _ = self._step_by_euler(half, driven, 0.5 * h, closing_rate)
         robot = self.robot
         # configurations have no multiples, so 2 halves - whole is computed as halves + (halves - whole)
         correction = difference(robot, whole.q, halves.q)  # (R, nv)
         return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
+
+    def _solve_accelerations(self, mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
+        """Solve M a - J' lambda = forces, J a = rates for accelerations a (R, nv).
+
+        The accelerations of a run with singular equations are infinite.
+
+        Args:
+            mass: M (R, nv, nv).
+            jacobian: J (R, r, nv) of the loop equations, of rank m.
+            forces: (R, nv) [N m, N].
+            rates: (R, r) second time derivatives of the loop equations by the accelerations alone.
+        """
+        m = self.equations[0].rank
+        runs, r, nv = jacobian.shape
+        if r > m:
+            is_finite = np.isfinite(jacobian).all(axis=(1, 2), keepdims=True)  # (R, 1, 1)
+            U, _, _ = singular_vectors(np.where(is_finite, jacobian, 0.0), m)  # (R, r, m)
+            jacobian = matmul(U.transpose(0, 2, 1), jacobian)
+            rates = matvec(U.transpose(0, 2, 1), rates)
+        matrix = np.zeros((runs, nv + m, nv + m))
+        matrix[:, :nv, :nv] = mass
+        matrix[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
+        matrix[:, nv:, :nv] = jacobian
+        return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
     def _implicit_mass(self, mass: Array, d: float) -> Array:
         """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, d in [s].
@@ -352,7 +377,7 @@ class Stepper:
         return forces
 
     def drift(self, frames: FrameStack, v: Array) -> Array:
-        """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
+        """Compute second time derivatives (R, r) of the loop equations without joint accelerations."""
         twists = body_twists(self.robot, frames.q, v, np.zeros_like(v), self._models(len(v)))
         return closure_drift(self.equations[0].rows, move_with_bodies(self.robot, frames, twists))
 
@@ -373,25 +398,6 @@ def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
     return scheme
 
 
-def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Solve M a - J' lambda = forces, J a = rates for accelerations a (R, nv).
-
-    The accelerations of a run with singular equations are infinite.
-
-    Args:
-        mass: M (R, nv, nv).
-        jacobian: J (R, m, nv) of the loop equations.
-        forces: (R, nv) [N m, N].
-        rates: (R, m) second time derivatives of the loop equations by the accelerations alone.
-    """
-    runs, m, nv = jacobian.shape
-    matrix = np.zeros((runs, nv + m, nv + m))
-    matrix[:, :nv, :nv] = mass
-    matrix[:, :nv, nv:] = jacobian.transpose(0, 2, 1)
-    matrix[:, nv:, :nv] = jacobian
-    return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
-
-
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
     """Raise InvalidInput unless two robots have the same structure."""
     if not all(map(np.array_equal, _structure(first), _structure(second))):
@@ -404,5 +410,5 @@ def _structure(robot: ParallelRobot) -> list[Any]:
     """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
     joints = [list(robot.model.names), robot.model.nv]
     index_sets = [robot.actuated, robot.elastic, robot.frames]
-    loop_rows = [getattr(robot.loops, field.name) for field in fields(robot.loops)]
+    loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
     return joints + index_sets + loop_rows

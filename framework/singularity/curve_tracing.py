@@ -192,7 +192,7 @@ class Points(NamedTuple):
     q: Array  # (S, nq)
     tangent: Array  # (S, k) unit vector t in the direction of tracing
     determinant: Array  # (S,) det [dF/du ; t']; its sign changes at branch points
-    escape_slope: Array  # (S,) derivative of g along the uncontrolled motion; its sign changes at cusps
+    eta_slope: Array  # (S,) derivative of g along the uncontrolled motion; its sign changes at cusps
     eta: Array  # (S, m) unit passive rates of the uncontrolled motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
     bases: Array  # (S, R, m) of the ranges of the loops' rows, to which border and determinant refer
@@ -386,8 +386,8 @@ def _turn_along(vectors: Array, directions: Array) -> Array:
 def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
     """Return the points of curves at S configurations q (S, nq) that solve F = 0.
 
-    The tangent is the null vector of dF/du. The uncontrolled motion, which locked motors do not hold, is the
-    null vector eta of P, the passive columns of the loop equations.
+    The tangent is the null vector of dF/du. The uncontrolled motion is the null vector eta of P, the
+    passive columns of the loop equations.
 
     Args:
         evaluated: F, dF/du, P and eta at q, or up to NEWTON_STEP away from q, where they are as good.
@@ -404,7 +404,7 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
         q=q,
         tangent=tangent,
         determinant=np.linalg.det(_append_tangent(slopes, tangent)),
-        escape_slope=np.sum(evaluated.passive_g_slopes * eta, axis=1),  # dg along the uncontrolled motion
+        eta_slope=np.sum(evaluated.passive_g_slopes * eta, axis=1),  # dg along the uncontrolled motion
         eta=eta,
         border=Border.of(evaluated.P),
         bases=evaluated.bases,

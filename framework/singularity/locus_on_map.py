@@ -5,7 +5,8 @@ across some curves. A point of a traced curve belongs to the map if a step of in
 nearest pose leads to the configuration of the point. So each point is singular and on the branch of the
 poses. Completeness is not claimed, because a curve between the poses may be so small that g has the same sign
 at all poses. A curve explains a sign change between neighbours if it passes within a cell of their midpoint.
-Sign changes that no curve explains are reported.
+Sign changes that no curve explains are reported. Over one coordinate the locus consists of points, which
+bisection between the neighbours locates.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frames_at
-from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.curve_tracing import LocusEquations, chord_offsets
-from framework.singularity.traced_locus import LocusCurve, trace_locus
-from framework.tolerances import DISTINCT_SOLUTIONS
+from framework.singularity.traced_locus import LocusCurve, singularity_kind, trace_locus
+from framework.singularity.type2 import has_signed_measure
+from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
 
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
@@ -35,12 +38,12 @@ NINE_CELLS = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])
 
 
 class MapPoses(NamedTuple):
-    """The grid of poses of a map over two platform coordinates, on one branch."""
+    """The grid of poses of a map over k = 1 or 2 platform coordinates, on one branch."""
 
-    axes: tuple[int, int]  # indices of the two platform coordinates
-    lower: Array  # (2,) least values of these coordinates [m, rad]
-    upper: Array  # (2,) largest values
-    cell: Array  # (2,) distance between neighbours along each axis
+    axes: tuple[int, ...]  # (k,) indices of the platform coordinates
+    lower: Array  # (k,) least values of these coordinates [m, rad]
+    upper: Array  # (k,) largest values
+    cell: Array  # (k,) distance between neighbours along each axis
     x: Array  # (I, J, n)
     q: Array  # (I, J, nq)
     reached: BoolArray  # (I, J)
@@ -51,9 +54,9 @@ class MapPoses(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MapCurve(ReadOnlyArrays):
-    """A curve of the locus through m points."""
+    """A curve of the locus through m points; over one coordinate a point."""
 
-    x: Array  # (m, 2) platform coordinates on the map's two axes
+    x: Array  # (m, k) platform coordinates on the map's axes
     q: Array  # (m, nq)
     kind: str  # as in `LocusCurve`
 
@@ -69,7 +72,7 @@ class MapLocus(ReadOnlyArrays):
 
     curves: tuple[MapCurve, ...]
     sign_changes: int  # number of pairs of neighbouring poses between which g changes its sign
-    unexplained: Array  # (u, 2) midpoints of sign changes that no curve passes within a cell
+    unexplained: Array  # (u, k) midpoints of sign changes that no curve passes within a cell
     why_not: str  # empty if the locus was traced
     seconds: float
 
@@ -79,21 +82,24 @@ class MapLocus(ReadOnlyArrays):
         if self.why_not:
             return f"not traced: {self.why_not}"
         count = sum(curve.is_type2 for curve in self.curves)
-        curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
+        noun = "curve" if self.unexplained.shape[1] == 2 else "point"
+        curves = {0: f"no {noun}", 1: f"1 {noun}"}.get(count, f"{count} {noun}s")
         if count < len(self.curves):
             curves += f" of Type 2 and {len(self.curves) - count} of the loops or legs themselves"
         if self.sign_changes:
             missed = len(self.unexplained)
-            rest = f"at {missed} no curve passes" if missed else "all explained"
+            rest = f"at {missed} no {noun} lies" if missed else "all explained"
             signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
         else:
             signs = "g does not change its sign"
-        return f"{curves} traced; {signs}; completeness is not claimed"
+        return f"{curves} {'traced' if noun == 'curve' else 'located'}; {signs}; completeness is not claimed"
 
 
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
+    if len(poses.axes) == 1:
+        return _locate_points(robot, poses, started)
     first_reached = tuple(np.argwhere(poses.reached)[0])  # any pose fixes the values of all other coordinates
     i, j = poses.axes
     free = robot.axis_names[i], robot.axis_names[j]
@@ -112,6 +118,42 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
         why_not="",
         seconds=time.perf_counter() - started,
     )
+
+
+def _locate_points(
+    robot: ParallelRobot,
+    poses: MapPoses,
+    started: float,
+    *,
+    halvings: int = 45,  # of a cell, down to rounding
+) -> MapLocus:
+    """Locate by bisection the singular points between neighbours on one axis.
+
+    g may also change its sign by a jump; then the point has no singular matrix, and stays unexplained.
+    """
+    if not has_signed_measure(robot):
+        why_not = "g has no sign without passive joints, or with other than a motor for each axis"
+        return MapLocus((), 0, np.zeros((0, 1)), why_not, 0.0)
+    g = poses.g[:, 0]
+    is_positive = g >= 0
+    is_change = np.isfinite(g[:-1] + g[1:]) & (is_positive[:-1] != is_positive[1:])
+    first = np.flatnonzero(is_change)  # (e,) the lower neighbours
+    sign = np.where(is_positive[first], 1.0, -1.0)
+    x, q = poses.x[first, 0], poses.q[first, 0]
+    step = poses.x[first + 1, 0] - x
+    for _ in range(halvings):
+        step = 0.5 * step
+        ends, arrives = poses.continue_pose(q, x, x + step)
+        keeps = arrives & (np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, ends))).sign == sign)
+        x = np.where(keeps[:, None], x + step, x)
+        q = np.where(keeps[:, None], ends, q)
+    linearised = linearised_at(robot, q)
+    is_singular = least_singular_values(type2_matrix(robot, linearised)) < RANK_LOST
+    points = [
+        MapCurve(x[[k]], q[[k]], singularity_kind(robot, linearised.select(slice(k, k + 1))))
+        for k in np.flatnonzero(is_singular)
+    ]
+    return MapLocus(tuple(points), len(first), x[~is_singular], "", time.perf_counter() - started)
 
 
 def _trace_modes(
@@ -312,8 +354,8 @@ def _compare_branches(
     A point is on the branch if a step of inverse kinematics from the nearest pose leads to the configuration
     of the point, and off the branch if the step leads elsewhere. Where the inverse kinematics is singular,
     too, the step fails. Then the point counts as on the branch if its joints are no farther from the nearest
-    pose than those of the farthest neighbour. Points at and beyond the edge of the reached poses may be
-    neither on nor off.
+    pose than those of the farthest neighbour, and no leg flips between them. Points at and beyond the edge of
+    the reached poses may be neither on nor off.
 
     Returns:
         Masks (m,) of the points on the branch, and of the points off the branch.
@@ -335,6 +377,11 @@ def _compare_branches(
 
     # whether the point is no farther away than the farthest neighbour
     is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
+    if equations.robot.structure.varies:  # else tracing stays in the mode
+        near, point = (
+            ModeStates.of(equations.robot, linearised_at(equations.robot, p)) for p in (nearest_q, q)
+        )
+        is_among &= share_working_mode(equations.robot, near, point)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
     is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))
     return is_on, is_off

@@ -11,7 +11,7 @@ import numpy as np
 from framework.errors import InvalidInput, Type1Singularity
 from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
-from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
+from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -40,7 +40,7 @@ from framework.singularity.rank_deficiency import (
     find_contacts,
     find_near_misses,
 )
-from framework.singularity.type2 import measure_gradient, sign_along, uncontrolled_motion
+from framework.singularity.type2 import Uncontrolled, measure_gradient, sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 
@@ -56,13 +56,39 @@ class SingularPoint(ReadOnlyArrays):
     s: float
     kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
     contact: str  # of the path with the locus: transversal, tangential or imposed
-    corank: int  # number of motions that escape at once
+    corank: int  # number of motions that are uncontrolled at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,) coordinates x
-    slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
+    slope: float  # dg/ds; of corank > 1 the least slope of the singular values, without sign
     motion: Array  # (nv,) joint rates of the twist
     pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+
+    @staticmethod
+    def of(
+        branch: Branch,
+        s: float,
+        pose: LinearisedLoops,
+        uncontrolled: Uncontrolled,
+        *,
+        contact: str,
+        slope: float,
+        resolution: float | None = None,
+    ) -> SingularPoint:
+        """Return the point at s, its uncontrolled motion turned so that the twist points along the path."""
+        sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
+        return SingularPoint(
+            s=s,
+            kind=uncontrolled.kind,
+            contact=contact,
+            corank=uncontrolled.corank,
+            twist=sign * uncontrolled.twist,
+            platform=branch.path(s),
+            slope=slope,
+            motion=sign * uncontrolled.motion,
+            pose=pose,
+            resolution=resolution,
+        )
 
     def __post_init__(self) -> None:
         """Make all arrays read-only, those of the pose too."""
@@ -113,7 +139,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
     type1 = _measure_type_1(branch)
-    if not robot.n_p:  # every joint has a motor: no motion escapes
+    if not robot.n_p:  # every joint has a motor: no motion is uncontrolled
         return SearchedPath(branch, ())
 
     # the Type 2 matrix on the same branch: P, or with redundant motors P'P, whose singular values are squares
@@ -148,8 +174,8 @@ def locate_singularities(
     Raises:
         OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
         SingularPath: the path runs along the singular locus.
-        UncontrolledMotions: several motions escape too close to one another to be told apart, or at an end of
-            the path.
+        UncontrolledMotions: several motions are uncontrolled too close to one another to be told apart, or at
+            an end of the path.
         NotConverged: g cannot be resolved, or dropped loop equations are needed; the message says where.
     """
     return search_path(robot, path, branch=branch).points
@@ -258,7 +284,7 @@ def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Except
     if count < 2:
         return unresolved
     reason = "the path passes a singularity, or so near to one that it cannot be told from it"
-    return escape_error(branch.robot, s, branch.path(s), count, reason)
+    return uncontrolled_error(branch.robot, s, branch.path(s), count, reason)
 
 
 def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
@@ -285,30 +311,20 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     s = contact.s
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
-    path_twist = branch.robot.platform.path_twist(branch.path, s)
-    sign = sign_along(uncontrolled.twist, path_twist)  # turns the twist along the path
-    return SingularPoint(
-        s=s,
-        kind=uncontrolled.kind,
-        contact=contact.kind,
-        corank=uncontrolled.corank,
-        twist=sign * uncontrolled.twist,
-        platform=branch.path(s),
-        slope=_slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope,
-        motion=sign * uncontrolled.motion,
-        pose=linearised,
-        resolution=contact.resolution,
+    slope = _slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope
+    return SingularPoint.of(
+        branch, s, linearised, uncontrolled, contact=contact.kind, slope=slope, resolution=contact.resolution
     )
 
 
 def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
-    If several motions escape, the result is the least slope of their singular values, without sign.
+    If several motions are uncontrolled, the result is the least slope of their singular values, without sign.
 
     Args:
         passive: the matrix of the passive columns.
-        corank: number of motions that escape at s.
+        corank: number of uncontrolled motions at s.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
@@ -328,8 +344,8 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
 
     From g(s, q_e) = 0 it is -(dg/dq_e) / (dg/ds), with the loops closed. The deflections of a moving robot
     depend on its motion, and at rest none exist near a Type 2 singularity. So without a motion only this
-    derivative is known. It is NaN if several motions escape at once, or if the path touches the locus without
-    crossing it: small deflections split such a point or remove it.
+    derivative is known. It is NaN if several motions are uncontrolled at once, or if the path touches the
+    locus without crossing it: small deflections split such a point or remove it.
     """
     robot = branch.robot
     n_e = robot.n_e

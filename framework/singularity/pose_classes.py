@@ -52,7 +52,7 @@ from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution
 from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import escaping_motions, twist_norm
+from framework.singularity.type2 import twist_norm, uncontrolled_space
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 NAMES = {
@@ -127,36 +127,36 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     closed = assembled_at(robot, q)
     require_square(robot)
     linearised = closed.linearised
-    escaping = escaping_motions(robot, linearised)
+    space = uncontrolled_space(robot, linearised)
     # (k, n + m) unit motions of the joints with the platform locked, motors first
     locked_motions = null_directions(type1_matrix(robot, linearised)[0])
-    gained = max(escaping.freedoms - robot.n, 0)
+    gained = max(space.freedoms - robot.n, 0)
 
-    kinds = set(escaping.kinds)
+    kinds = set(space.kinds)
     legs = _motors_moving_at_rest(robot, locked_motions[:, : robot.n_a], gained)
     if legs is not None:
         kinds.add("type_1")
-    if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
+    if space.corank and _is_singular_everywhere(robot, closed.q[0]):
         kinds.add("architectural")
 
     contact = ""
-    if along is not None and escaping.corank:
+    if along is not None and space.corank:
         if len(locked_motions):
             raise InvalidInput(
                 f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
                 f"singularity, or of its loops), so no path is followed"
             )
-        contact = _classify_contact(robot, closed, along, escaping.corank)
+        contact = _classify_contact(robot, closed, along, space.corank)
 
     twists = np.zeros((0, robot.n))
     if "type_2" in kinds:
-        twists = _unit_twists(robot, escaping.motions @ linearised.platform[0].T)
+        twists = _unit_twists(robot, space.motions @ linearised.platform[0].T)
     distances = singularity_distances(robot, linearised)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
         legs=legs or (),
         twists=twists,
-        corank=escaping.corank,
+        corank=space.corank,
         corank_inverse=len(locked_motions),
         gained=gained,
         contact=contact,

@@ -10,8 +10,8 @@ branch leads is missed: completeness is not claimed.
 Curves are followed in a `Region` about a pose, in one working mode or in all. At a cusp the slope of g along
 the uncontrolled motion changes its sign. If det [dF/du ; t'] changes its sign between two points, another
 curve crosses between them. The simple branch point is bracketed, and the tangent of the other curve follows
-from the algebraic bifurcation equation psi' F"(w, w) = 0 over the plane of both tangents (Allgower and Georg,
-Introduction to Numerical Continuation Methods, SIAM 2003, chapter 8).
+from the algebraic bifurcation equation psi' F"(w, w) = 0 over the plane of both tangents (Allgower and
+Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapter 8).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from framework.singularity.curve_tracing import (
     passes_point,
     trace_curve,
 )
-from framework.singularity.type2 import PRECEDENCE, escaping_motions
+from framework.singularity.type2 import PRECEDENCE, uncontrolled_space
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
@@ -202,7 +202,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
-    kind = _kind_at(robot, linearised.select(len(x) // 2))
+    kind = singularity_kind(robot, linearised.select(len(x) // 2))
     if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
     elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
@@ -221,9 +221,9 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     )
 
 
-def _kind_at(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the kind of the singularity at a point of a curve (T = 1), the first of PRECEDENCE."""
-    kinds = escaping_motions(robot, linearised, at_least=1).kinds
+def singularity_kind(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
+    """Return the kind of the singularity of one pose (T = 1), the first of PRECEDENCE."""
+    kinds = uncontrolled_space(robot, linearised, at_least=1).kinds
     return next((kind for kind in PRECEDENCE if kind in kinds), "type_2")
 
 
@@ -231,18 +231,18 @@ def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, 
     """Find the cusps of a curve of m points, where the slope of g along the uncontrolled motion changes sign.
 
     The motion itself, with passive rates eta, may have opposite signs at two neighbours. Then eta and the
-    slope of the second one are negated. Intervals with a branch point are left out: a second motion escapes
-    there, and the sign of the slope is arbitrary.
+    slope of the second one are negated. Intervals with a branch point are left out: a second motion is
+    uncontrolled there, and the sign of the slope is arbitrary.
     """
     cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)  # (m - 1,) of the angle between neighbours
-    changes_sign = points.escape_slope[1:] * points.escape_slope[:-1] * cosine < 0
+    changes_sign = points.eta_slope[1:] * points.eta_slope[:-1] * cosine < 0
     has_branch = points.determinant[1:] * points.determinant[:-1] <= 0
     cusps = []
     for k in np.flatnonzero(changes_sign & ~has_branch):
         end = points.single(k + 1)
         if cosine[k] < 0:
-            end = end._replace(eta=-end.eta, escape_slope=-end.escape_slope)
-        cusp = root_between(equations, points.single(k), end, lambda point: float(point.escape_slope[0]))
+            end = end._replace(eta=-end.eta, eta_slope=-end.eta_slope)
+        cusp = root_between(equations, points.single(k), end, lambda point: float(point.eta_slope[0]))
         if cusp is not None:
             cusps.append(_locus_point(equations.robot, cusp.q[0]))
     return tuple(cusps)

@@ -55,52 +55,51 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     `PRECEDENCE` is returned; `classify` lists all of them, and decides whether the configuration is singular
     at all.
     """
-    escaping = escaping_motions(robot, linearised, at_least=1)
-    kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
-    twists = escaping.motions @ linearised.platform[0].T  # (corank, n)
-    twist, motion = twists[-1], escaping.motions[-1]  # those of the least singular value
+    space = uncontrolled_space(robot, linearised, at_least=1)
+    kind = next(kind for kind in PRECEDENCE if kind in space.kinds)
+    twists = space.motions @ linearised.platform[0].T  # (corank, n)
+    twist, motion = twists[-1], space.motions[-1]  # those of the least singular value
     if kind != "type_2":
-        return Uncontrolled(kind, np.zeros_like(twist), motion, escaping.corank)
+        return Uncontrolled(kind, np.zeros_like(twist), motion, space.corank)
     if _count_rank(twist[None]) == 0:  # the platform rests in this motion, but another motion moves it
         k = np.argmax(np.linalg.norm(twists, axis=1))
-        twist, motion = twists[k], escaping.motions[k]
+        twist, motion = twists[k], space.motions[k]
     scale = twist_norm(robot, twist)
-    return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
+    return Uncontrolled(kind, twist / scale, motion / scale, space.corank)
 
 
-def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the least controlled unit twist and its joint rates (T = 1).
+def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Uncontrolled:
+    """Compute the motion with locked motors that opens the loops least (T = 1).
 
-    With locked motors it opens the loops least. At a Type 2 singularity of corank 1 it is that of
-    `uncontrolled_motion`.
-
-    Returns:
-        The twist (n,), whose point has unit speed, or which turns at a unit rate if the point rests; the
-        joint rates (nv,) of this twist.
+    At a Type 2 singularity of corank 1 it is that of `uncontrolled_motion`, found without the other kinds.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value
     twist = linearised.platform[0] @ motion
     scale = twist_norm(robot, twist)
-    return twist / scale, motion / scale
+    return Uncontrolled("type_2", twist / scale, motion / scale, corank=1)
 
 
 # Of several kinds `uncontrolled_motion` returns the first: no law can cross closure and constraint.
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 
 
-class EscapingMotions(NamedTuple):
+class UncontrolledSpace(NamedTuple):
     """All motions that the loops allow with locked motors, at one configuration."""
 
     kinds: frozenset[str]  # of PRECEDENCE
     motions: Array  # (c, nv) independent joint rates, those of the least singular value last
-    corank: int  # c, at least `at_least`
     freedoms: int  # instantaneous freedoms with motors free; more than usual where the loops lose rank
 
+    @property
+    def corank(self) -> int:
+        """The number c of these motions."""
+        return len(self.motions)
 
-def escaping_motions(
+
+def uncontrolled_space(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
-) -> EscapingMotions:
+) -> UncontrolledSpace:
     """Compute the motions with locked motors, the null space of P (T = 1), and their kinds.
 
     Args:
@@ -128,14 +127,14 @@ def escaping_motions(
         kinds.add("constraint" if gains_freedom else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
-    if corank > gained:  # more motions escape than the loops have gained
+    if corank > gained:  # more motions are uncontrolled than the loops have gained
         # of the motions gained, those of a closure singularity do not move the platform
         gained_by_platform = 0 if "closure" in kinds else gained
         if rank_on_axes > gained_by_platform:
             kinds.add("type_2")
         if corank > max(rank, gained):  # the platform rests in some motions
             kinds.add("leg_passive")
-    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
+    return UncontrolledSpace(frozenset(kinds), motions, freedoms.shape[1])
 
 
 def _count_rank(rows: Array) -> int:
@@ -178,7 +177,7 @@ def has_signed_measure(robot: ParallelRobot) -> bool:
 def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the g (T,) of `singularity_measure` alone, in half of the time."""
     P = type2_matrix(robot, linearised)
-    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion is uncontrolled
         return np.ones(len(P))
     return np.asarray(least_singular_values(P) * np.linalg.slogdet(P).sign)
 
@@ -197,7 +196,7 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     singular values are equal. So roots are found on the smooth measures of `bordered_system` instead.
     """
     P = type2_matrix(robot, linearised)
-    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
+    if not P.shape[2]:  # every joint has a motor: det P = 1, no motion is uncontrolled
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
     eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values, with arbitrary signs

@@ -121,3 +121,18 @@ def test_bisection_comes_as_near_to_a_change_of_sign_as_its_last_step():
         reached = nearest._bisect_segments(centre, segments, halvings).start[:, 0]
         assert (reached < places).all()
         assert (places - reached < 0.5**halvings).all()
+
+
+def test_a_search_ends_after_so_many_steps_and_says_how_far_they_lead(robot, monkeypatch):
+    """What is found within the shortened distance is what a search of that distance finds."""
+    monkeypatch.setattr(nearest, "MAX_RAY_STEPS", 96 * 3)
+    counted = []
+    pose = assemble(robot, (0.1, 0.345))
+    found = nearest_singular_pose(robot, pose, within=1e30, max_cells=1, progress=counted.append)
+    assert counted[-1] <= 96 * 3
+    assert found.within < found.asked == 1e30
+    assert "asked for, 288 steps lead no farther" in found.status
+    alone = nearest_singular_pose(robot, pose, within=found.within, max_cells=1)
+    assert alone.within == alone.asked == found.within
+    assert found.distance == pytest.approx(alone.distance, rel=1e-9)
+    assert found.leg_end == pytest.approx(alone.leg_end, rel=1e-9)

@@ -264,9 +264,44 @@ def test_a_platform_that_springs_leave_rigid_has_no_stiffness_anywhere(quantity)
     assert np.isnan(found.values[quantity]).all()
 
 
-def test_a_robot_of_one_freedom_has_no_map():
-    with pytest.raises(InvalidInput, match="two platform coordinates"):
-        map_axes(robots.load("four_bar"))
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_the_stroke_of_a_slider_crank_ends_its_hold_at_the_dead_centres(turned):
+    """Crank and rod are on one line at both, wherever the reference lies on the turn."""
+    robot = robots.load("slider_crank")
+    reference = assemble(robot, robot.reference.x + turned)
+    moved = replace(robot.description, reference=robot.reference_values(reference.q))
+    found = workspace_map(ParallelRobot.from_description(moved))
+    assert found.values["g"].shape == (200, 1)
+    assert found.reached.all()  # the crank turns fully
+    assert found.open_edges == ()
+    outer, inner = (
+        np.arcsin(-0.02 / 0.16),
+        -np.pi - np.arcsin(0.02 / 0.08),
+    )  # of crank 40, rod 120, offset -20 mm
+    located = np.array([curve.x[0, 0] for curve in found.locus.curves])
+    for angle in (outer, inner):
+        gap = (located - angle + np.pi) % (2 * np.pi) - np.pi
+        assert np.abs(gap).min() < 1e-10
+    assert [curve.kind for curve in found.locus.curves] == ["type_2", "type_2"]
+    assert "2 points located" in found.locus.sentence
+
+
+def test_the_stroke_of_the_knee_ends_where_crank_and_rod_no_longer_reach():
+    """The default window holds all that is reached, though it is more than half a turn to one side."""
+    found = workspace_map(robots.load("humanoid_knee"))
+    assert found.open_edges == ()
+    angles = found.window.spans[0][found.reached[:, 0]]
+    below, above = (assemble(found.robot, [angle]) for angle in (angles[0], angles[-1]))
+    for end, step in ((below, -0.1), (above, 0.1)):  # beyond both ends no step leads on
+        q = step_poses(found.robot, end.q[None], end.x[None], end.x[None] + step).reason
+        assert q[0] != PoseReason.REACHED
+    assert np.isfinite(found.values["conditioning"][found.reached]).all()
+
+
+def test_the_axes_of_a_map_are_two_or_the_only_one():
+    assert map_axes(robots.load("four_bar")) == (0,)
+    with pytest.raises(InvalidInput, match="rz alone"):
+        map_axes(robots.load("four_bar"), ("x", "y"))
     with pytest.raises(InvalidInput, match="two of x, y"):
         map_axes(robots.load("five_bar"), ("x", "x"))
     with pytest.raises(InvalidInput, match="at"):

@@ -20,7 +20,7 @@ from framework import (
     plan_crossing,
     track_path,
 )
-from framework.dynamics.elasticity import solve_deflections
+from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
 from framework.numerics.chebyshev import TimeGrid
@@ -48,7 +48,7 @@ def tails(robot, law) -> list[float]:
     found = []
     for size in (64, 128, 256):
         grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
-        state = solve_deflections(branch, grid, lambda *_: law, "rigid", law)
+        state = pass_at_rest(branch, grid, law, np.empty(0))
         found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
     return found
 

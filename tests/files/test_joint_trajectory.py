@@ -113,6 +113,15 @@ def test_rows_at_a_rate_are_those_of_the_plan(tmp_path, capsys):
     assert "--samples, --rate" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("foreign", ["rows.csv", "rows.csv-metadata.json"])
+def test_rows_and_their_metadata_are_written_together_or_not_at_all(foreign, tmp_path, capsys):
+    (tmp_path / foreign).write_text("a file of somebody else")
+    words = ["export", "five_bar", "--scene", "A", "--to", "csv", "--out", str(tmp_path / "rows.csv")]
+    assert main(words) == 2
+    assert f"{foreign} is there already" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == [foreign]
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

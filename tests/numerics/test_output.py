@@ -14,7 +14,7 @@ import pytest
 
 from framework import OutputError
 from framework.numerics.interruption import Terminated, interruptible
-from framework.numerics.output import PROGRAM, write_file, written_together
+from framework.numerics.output import PROGRAM, write_files, written_together
 
 FILES = {"plan.json": "{}\n", "motion.csv": "time\n0\n"}
 
@@ -100,7 +100,7 @@ def test_what_is_no_name_is_refused(tmp_path, name):
     with pytest.raises(OutputError, match="--out: cannot write"), written_together(tmp_path / name):
         pytest.fail("the work has begun")
     with pytest.raises(OutputError, match="--html: cannot write"):
-        write_file(tmp_path / name, "page")
+        write_files({tmp_path / name: "page"})
     assert everything_in(tmp_path) == set()
 
 
@@ -199,8 +199,8 @@ def test_between_two_files_nobody_is_interrupted(tmp_path, monkeypatch, number):
 
 @pytest.mark.parametrize("place", ["page.html", "new/deeper/page.html"])
 def test_one_file_is_written_whole(tmp_path, place):
-    write_file(tmp_path / place, "page é")
-    write_file(tmp_path / place, "another page é", overwrite=True)
+    write_files({tmp_path / place: "page é"})
+    write_files({tmp_path / place: "another page é"}, overwrite=True)
     assert (tmp_path / place).read_text(encoding="utf-8") == "another page é"
     assert [path.name for path in (tmp_path / place).parent.iterdir()] == ["page.html"]
 
@@ -209,9 +209,9 @@ def test_one_file_that_cannot_be_written_whole_is_left_as_it_was(tmp_path):
     page = tmp_path / "page.html"
     page.write_text("0" * 30)
     with disk_that_fills_up(1000), pytest.raises(OutputError, match=r"--html: cannot write .*page.html: "):
-        write_file(page, "0" * 5000)
+        write_files({page: "0" * 5000})
     with disk_that_fills_up(1000), pytest.raises(OutputError, match=r"new\.html"):
-        write_file(tmp_path / "new" / "new.html", "0" * 5000)
+        write_files({tmp_path / "new" / "new.html": "0" * 5000})
     assert everything_in(tmp_path) == {"page.html"}
     assert page.read_text() == "0" * 30
 
@@ -231,16 +231,16 @@ def test_a_file_of_another_origin_is_not_replaced_unless_asked_for(tmp_path, the
     file.write_text(there)
     if not replaced:
         with pytest.raises(OutputError, match=r"is there already, and not of this program; .* --overwrite"):
-            write_file(file, new)
+            write_files({file: new})
         assert file.read_text() == there
-    write_file(file, new, overwrite=not replaced)
+    write_files({file: new}, overwrite=not replaced)
     assert file.read_text() == new
 
 
 def test_one_file_is_written_through_a_link(tmp_path):
     (tmp_path / "page.html").write_text("old")
     (tmp_path / "link.html").symlink_to(tmp_path / "page.html")
-    write_file(tmp_path / "link.html", "new", overwrite=True)
+    write_files({tmp_path / "link.html": "new"}, overwrite=True)
     assert (tmp_path / "link.html").is_symlink()
     assert (tmp_path / "page.html").read_text() == "new"
 
@@ -250,7 +250,7 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path, place):
     os.mkfifo(tmp_path / "fifo")
     before = os.stat(tmp_path / place).st_mode
     with pytest.raises(OutputError, match="not a regular file"):
-        write_file(tmp_path / place, "page")
+        write_files({tmp_path / place: "page"})
     assert os.stat(tmp_path / place).st_mode == before
 
 
@@ -261,8 +261,8 @@ def test_a_path_that_is_not_utf_8_is_a_path(tmp_path):
         file.touch()
     except OSError:
         with pytest.raises(OutputError, match="cannot write"):
-            write_file(file, "page")
+            write_files({file: "page"})
         assert list(tmp_path.iterdir()) == []
     else:
-        write_file(file, f"page about {file}")
+        write_files({file: f"page about {file}"})
         assert file.read_text(encoding="utf-8").endswith("/a?.html")

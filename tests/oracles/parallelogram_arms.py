@@ -26,6 +26,7 @@ class ParallelogramArms:
     rod_mass: float  # of all rods of a leg [kg]
     rod_radius: float  # [m]
     elbow: np.ndarray | float = 1.0  # -1 where it is inward
+    swung_inertia: float = 0.0  # about `side`, of what swings with the rods of a leg [kg m^2]
 
     @cached_property
     def out(self):
@@ -70,7 +71,8 @@ class ParallelogramArms:
         across = (3 * self.rod_radius**2 + self.rod**2) / 12 * np.sum(dn**2)
         along = self.rod_radius**2 / 2 * np.sum(spin**2)
         middle = np.sum((knee + 0.5 * self.rod * dn) ** 2)
-        return 0.5 * self.rod_mass * (middle + across + along) + 0.5 * self.arm_inertia * np.sum(dq**2)
+        rods = 0.5 * self.rod_mass * (middle + across + along) + 0.5 * self.swung_inertia * np.sum(swing**2)
+        return rods + 0.5 * self.arm_inertia * np.sum(dq**2)
 
     def potential_energy(self, p):
         knee = self.knees(self.motor_angles(p))[:, 2]

@@ -31,6 +31,8 @@ from tests.robots import (
     test_agile_eye,
     test_biglide,
     test_delta,
+    test_delta_hinges,
+    test_diamond,
     test_four_bar,
     test_gough_stewart,
     test_humanoid_ankle,
@@ -48,6 +50,8 @@ KINEMATICS: dict[str, Kinematics] = {
     "agile_eye": test_agile_eye.KINEMATICS,
     "biglide": test_biglide.KINEMATICS,
     "delta": test_delta.KINEMATICS,
+    "delta_hinges": test_delta_hinges.KINEMATICS,
+    "diamond": test_diamond.KINEMATICS,
     "gough_stewart": test_gough_stewart.KINEMATICS,
     "humanoid_ankle": test_humanoid_ankle.KINEMATICS,
     "humanoid_knee": test_humanoid_knee.KINEMATICS,
@@ -58,6 +62,7 @@ KINEMATICS: dict[str, Kinematics] = {
 }
 CROSSINGS: dict[str, Crossing] = {
     "delta": test_delta.CROSSING,
+    "diamond": test_diamond.CROSSING,
     "gough_stewart": test_gough_stewart.CROSSING,
     "orthoglide": test_orthoglide.CROSSING,
     "par4": test_par4.CROSSING,
@@ -66,6 +71,8 @@ CROSSINGS: dict[str, Crossing] = {
 CLEAR = {  # motor torques of Lagrange, along scenes that meet no singularity
     ("agile_eye", "orient"): test_agile_eye.motor_torques,
     ("agile_eye", "sweep"): test_agile_eye.motor_torques,
+    ("delta_hinges", "pick"): test_delta_hinges.motor_torques,
+    ("delta_hinges", "pick-mirrored"): test_delta_hinges.motor_torques,
     ("three_upu", "across"): test_three_upu.motor_torques,
     ("three_upu", "around"): test_three_upu.motor_torques,
 }
@@ -112,7 +119,7 @@ def test_motors_have_their_closed_form(name):
         np.testing.assert_allclose(motors, known.motors(x), rtol=0, atol=known.motors_within)
 
 
-@pytest.mark.parametrize("name", ["delta", "orthoglide"])
+@pytest.mark.parametrize("name", ["delta", "delta_hinges", "orthoglide"])
 def test_a_platform_that_only_parallelograms_hold_stays_level(name):
     robot = robots.load(name)
     for x in KINEMATICS[name].places:

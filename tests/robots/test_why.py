@@ -17,6 +17,7 @@ CROSSING = {
     "biglide": "across",
     "bricard": "dead_point",
     "delta": "cross",
+    "diamond": "cross",
     "five_bar": "C",
     "five_bar_heavy": "C",
     "four_bar": "dead_point",
@@ -34,6 +35,7 @@ CROSSING = {
 SENTENCES = {
     "biglide": "lie in one line",
     "delta": "pairs of rods are parallel to one plane",
+    "diamond": "lie in one line",
     "five_bar": "lie in one line",
     "five_bar_heavy": "lie in one line",
     "four_bar": "Crank and coupler lie in one line",

@@ -72,3 +72,13 @@ def test_the_page_is_one_file_with_the_values_of_every_pose():
         "path, from the dot on",
         "not reached",
     ]
+
+
+def test_a_stroke_is_a_curve_over_its_coordinate_with_its_singular_points(tmp_path):
+    stroke = workspace_map(robots.load("slider_crank"))
+    ax = plot_map(stroke, "g")
+    assert ax.get_xlabel() == "rz  [rad]"
+    assert ax.get_ylabel() == "g  (no unit)"
+    np.testing.assert_array_equal(ax.lines[0].get_xydata()[:, 1], stroke.values["g"][:, 0])
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert legend == ["singular locus (Type 2)", "reference"]

@@ -255,8 +255,8 @@ def test_the_twist_is_of_a_motion_that_moves_the_platform(resting, monkeypatch):
     _, _, V = np.linalg.svd(X)
     moving, still = 3.0 * V[0] + 0.5 * V[1], V[-1]  # X still = 0
     motions = np.array([still, moving] if resting == 0 else [moving, still])
-    escaping = type2.EscapingMotions(frozenset({"type_2", "leg_passive"}), motions, 2, 2)
-    monkeypatch.setattr(type2, "escaping_motions", lambda *given, **options: escaping)
+    space = type2.UncontrolledSpace(frozenset({"type_2", "leg_passive"}), motions, 2)
+    monkeypatch.setattr(type2, "uncontrolled_space", lambda *given, **options: space)
     found = type2.uncontrolled_motion(robot, linearised)
     assert (found.kind, found.corank) == ("type_2", 2)
     assert np.linalg.norm(found.twist) == pytest.approx(1.0)

@@ -24,7 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack, linearised_at, ty
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, freeze
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, freeze, read_only
 from framework.numerics.chebyshev import TimeFunction, coefficients, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
@@ -82,7 +82,7 @@ class Branch(ReadOnlyArrays):
         robot: ParallelRobot, path: Path, panels: Sequence[BranchPoses], steps: Sequence[BranchPoses]
     ) -> Branch:
         """Return the branch through the poses of `panels` from s = 0 on, then of `steps`, K = 1 each."""
-        origin = (*panels, *steps)[0].q[0]
+        origin = read_only((*panels, *steps)[0].q[0])
         freeze(tuple(panels))
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
         for start, end in pairwise(steps):

@@ -3,7 +3,7 @@
 The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the matrix P of
 the passive columns of the loop equations is regular, and the branch leads to the pose in the assembly mode of
 the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is called
-Type 2 here, whether the platform escapes or only joints inside a leg; `singularity.pose_classes`
+Type 2 here, whether the platform moves or only joints inside a leg; `singularity.pose_classes`
 distinguishes the two.
 
 All curves of a stack of motor angles are followed together from one start. In a stream of motor angles each

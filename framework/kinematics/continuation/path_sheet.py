@@ -35,6 +35,7 @@ from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
 # nodes of a panel; an even number, so that none is in the middle, where crossings often are
 SHEET_NODES = 32
 COARSE_NODES = 9  # first nodes of a panel, from whose polynomial the others are closed
+COARSE_STEP = 1e-2  # [rad, lengths] last Newton step at these; it leaves an error of about its square
 MAX_STEPS = 7  # of Newton's method; a panel that needs more is halved
 MIN_SHEET_PANEL = 1 / 32  # width in s; where this is too wide, the branch is followed step by step
 
@@ -80,15 +81,14 @@ def with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: Linear
     return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
 
 
-def follow_panels(robot: ParallelRobot, path: Path, start: BranchPoses) -> list[BranchPoses]:
-    """Follow the path from a pose (K = 1) at s = 0 on panels, as far as none must be too narrow.
+def follow_panels(robot: ParallelRobot, path: Path, pose: LinearisedLoops) -> list[BranchPoses]:
+    """Follow the path from a pose (T = 1) at s = 0 on panels, as far as none must be too narrow.
 
     Springs keep their deflections.
 
     Returns:
         Successive panels of SHEET_NODES poses each; the last one ends at s = 1 if the path was followed.
     """
-    pose = start
     panels = list[BranchPoses]()
     waiting = list(pairwise([0.0, *path.knots, 1.0]))[::-1]  # starts and ends in s, the first panel on top
     while waiting:
@@ -96,7 +96,7 @@ def follow_panels(robot: ParallelRobot, path: Path, start: BranchPoses) -> list[
         panel = _close_panel(robot, path, pose, first, end)
         if panel is not None and _is_one_branch(robot, pose, panel):
             panels.append(panel)
-            pose = panel.last
+            pose = panel.linearised.select(-1)
             continue
         if end - first <= MIN_SHEET_PANEL:
             break
@@ -106,25 +106,26 @@ def follow_panels(robot: ParallelRobot, path: Path, start: BranchPoses) -> list[
 
 
 def _close_panel(
-    robot: ParallelRobot, path: Path, pose: BranchPoses, start: float, end: float
+    robot: ParallelRobot, path: Path, pose: LinearisedLoops, start: float, end: float
 ) -> BranchPoses | None:
-    """Close the loops at the nodes of a panel that begins at a pose (K = 1); None if some do not close.
+    """Close the loops at the nodes of a panel that begins at a pose (T = 1); None if some do not close.
 
     A Newton step from the pose, whose equations are factored, gives the guesses for the coarse nodes. Their
     polynomial gives those for all nodes.
     """
     try:
+        q = pose.frames.q  # (1, nq)
         coarse_x = path(panel_nodes(start, end, COARSE_NODES))
-        pose_of_each = pose.linearised.frames.select(np.zeros(COARSE_NODES, dtype=np.intp))
+        pose_of_each = pose.frames.select(np.zeros(COARSE_NODES, dtype=np.intp))
         platform_step = -robot.platform.residual(pose_of_each, coarse_x)  # (COARSE_NODES, n)
-        step = joint_rates(robot, pose.linearised, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
-        guess = integrate(robot, pose.q, step)
-        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=1e-2)
+        step = joint_rates(robot, pose, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
+        guess = integrate(robot, q, step)
+        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=COARSE_STEP)
         if not coarse.closed.all():
             return None
-        offsets = _from_coarse_nodes() @ difference(robot, pose.q, coarse.q)  # (SHEET_NODES, nv)
+        offsets = _from_coarse_nodes() @ difference(robot, q, coarse.q)  # (SHEET_NODES, nv)
         s = panel_nodes(start, end)
-        closing = close_each(robot, path(s), integrate(robot, pose.q, offsets), iterations=MAX_STEPS)
+        closing = close_each(robot, path(s), integrate(robot, q, offsets), iterations=MAX_STEPS)
         return with_tangents(robot, path, s, closing.linearised) if closing.closed.all() else None
     except NotAssembled:  # a pose is singular to the last bit
         return None
@@ -137,33 +138,35 @@ def _from_coarse_nodes() -> Array:
     return np.asarray(polynomials @ coefficients(np.eye(COARSE_NODES)), dtype=float)
 
 
-def _is_one_branch(robot: ParallelRobot, pose: BranchPoses, panel: BranchPoses) -> bool:
-    """Return whether a panel continues the branch from a pose (K = 1), and resolves it."""
+def _is_one_branch(robot: ParallelRobot, pose: LinearisedLoops, panel: BranchPoses) -> bool:
+    """Return whether a panel begins at a pose (T = 1), continues its branch, and resolves it."""
     units = robot.column_scale  # (nv,) by which offsets become dimensionless
-    offsets = difference(robot, pose.q, panel.q) / units  # (SHEET_NODES, nv)
+    offsets = difference(robot, pose.frames.q, panel.q) / units  # (SHEET_NODES, nv)
     series = coefficients(offsets)
     truncation = np.abs(series[-SHEET_NODES // 8 :]).max()
     if np.abs(offsets[0]).max() > SAME_PLACE or truncation > SHEET_TAIL:
         return False
-    keeps_branch, _ = judge_steps(robot, pose, panel)
+    keeps_branch, _ = judge_steps(robot, panel)
     return bool(keeps_branch.all())
 
 
-def judge_steps(robot: ParallelRobot, start: BranchPoses, ends: BranchPoses) -> tuple[BoolArray, Array]:
-    """Judge successive steps from a pose `start` (K = 1) to K poses `ends`.
+def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, Array]:
+    """Judge the T steps between 1 + T successive poses, in one stack or in stacks of one pose each.
 
     A step stays on its branch if its correction is small and its end is in the same working mode. If the
     tangent turns much, the loops must also be far from losing rank at the end, where branches cross.
 
     Returns:
-        Whether each step stays on its branch (K,); the corrections (K,) [rad, lengths] of its prediction.
+        Whether each step stays on its branch (T,); the corrections (T,) [rad, lengths] of its prediction.
     """
-    steps = np.diff(ends.s, prepend=start.s)[:, None]  # (K, 1) in s
-    starts = np.concatenate([start.q, ends.q[:-1]])
-    predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
-    corrections = difference(robot, integrate(robot, starts, predicted), ends.q)
-    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
-    keeps_branch = is_small & keeps_working_mode(robot, start.linearised, ends.linearised)
+    q, rate = (np.concatenate([getattr(stack, name) for stack in stacks]) for name in ("q", "rate"))
+    steps = np.diff(np.concatenate([stack.s for stack in stacks]))[:, None]  # (T, 1) in s
+    predicted = steps * rate[:-1]
+    corrections = difference(robot, integrate(robot, q[:-1], predicted), q[1:])
+    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * rate[1:])
+    keeps_branch = is_small & keeps_working_mode(robot, *(stack.linearised for stack in stacks))
     curved = np.flatnonzero(keeps_branch & ~is_straight)
-    keeps_branch[curved] = count_lost_ranks(robot, ends.linearised.select(curved), BRANCHES_CROSS) == 0
+    if len(curved):
+        ends = stacks[-1].linearised.select(curved + 1 if len(stacks) == 1 else curved)
+        keeps_branch[curved] = count_lost_ranks(robot, ends, BRANCHES_CROSS) == 0
     return keeps_branch, correction

@@ -150,9 +150,8 @@ def follow_path(
     Raises:
         NotAssembled: the pose is singular to the last bit.
     """
-    start = with_tangents(robot, path, np.zeros(1), pose)
-    panels = follow_panels(robot, path, start)
-    last = panels[-1].last if panels else start
+    panels = follow_panels(robot, path, pose)
+    last = panels[-1].last if panels else with_tangents(robot, path, np.zeros(1), pose)
     return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
 
 
@@ -260,7 +259,7 @@ def _branch_end_error(
     linearised = last.linearised
     count = int(count_lost_ranks(robot, linearised, type_1_end_ratio)[0])
     if count:
-        return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
+        return uncontrolled_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
     place = f"at s = {s:.6g}, {robot.place(x)}"
     if _closes_beyond(robot, path, last):
@@ -348,7 +347,9 @@ def _closes_beyond(
     return bool(close_each(robot, path(ahead), guess).closed.any())
 
 
-def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
+def uncontrolled_error(
+    robot: ParallelRobot, s: float, x: Array, count: int, reason: str
+) -> UncontrolledMotions:
     """Return the error for `count` uncontrolled motions at s and platform x (n,), with a `reason`."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(

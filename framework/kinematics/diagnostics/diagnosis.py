@@ -7,14 +7,13 @@ modes and exceeded limits by the names of the robot file.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from framework.errors import NotAssembled, SingularReference, expect
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, remark_on_turns
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mistaken_units import moving_bodies, remarks_on_bodies
 from framework.kinematics.diagnostics.mobility import (
     Mobility,
@@ -146,7 +145,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     gap = None
     remarks = list[str]()
     try:
-        mechanism, closing = assemble_mechanism(mechanism)
+        closed, closing = assemble_mechanism(mechanism)
     except NotAssembled as failure:
         if remark_on_turns(mechanism, mechanism.description.reference):
             raise  # the angles seem to be in degrees: a search would only hide this
@@ -159,18 +158,13 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         )
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
-        mechanism, closing = assemble_mechanism(posed)
-    if not mechanism.description.reference and positions_beyond_limits(mechanism.limits, closing.q[None]):
-        with suppress(NotAssembled):
-            pose = find_closed_pose(mechanism)
-            remarks.append(
-                "no reference is given, and from zero the loops close beyond the joints' limits; a search "
-                "within them has found the one that is printed: paste it into the file (or give it by "
-                "--reference)"
-            )
-            description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
-            posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
-            mechanism, closing = assemble_mechanism(posed)
+        closed, closing = assemble_mechanism(posed)
+    if not mechanism.description.reference and closed.q_near is not mechanism.q_near:
+        remarks.append(
+            "no reference is given, and from zero the loops close beyond the joints' limits; a search within "
+            "them has found the one that is printed: paste it into the file (or give it by --reference)"
+        )
+    mechanism = closed
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:

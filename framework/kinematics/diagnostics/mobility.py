@@ -28,7 +28,7 @@ import pinocchio as pin
 
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.loop_structure import (
     assemble_mechanism,

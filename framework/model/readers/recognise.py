@@ -200,15 +200,17 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
     """Complete a robot of our own file by the options.
 
     Raises:
-        RobotFileError: options lock joints, which the file itself does with the key `locked`; or options name
-            what the robot does not have.
+        RobotFileError: options say what the file itself says; or options name what the robot does not have.
     """
-    keys = {"--base": ("base", "locked"), "--lock": ("locked", "locked"), "--close": ("closures", "closures")}
-    for option, (name, key) in keys.items():
-        if getattr(options, name):
-            raise RobotFileError(
-                f"{option}: for files of foreign dialects; a robot file of ours has the key {key}"
-            )
+    said_by = {
+        "--base": (options.base, "the key locked"),
+        "--lock": (options.locked, "the key locked"),
+        "--close": (options.closures, "the key closures"),
+        "--package": (options.packages, "the paths of its meshes in its URDF"),
+    }
+    for option, (value, part) in said_by.items():
+        if value:
+            raise RobotFileError(f"{option}: for files of foreign dialects; a robot file of ours has {part}")
     if options == Options():
         return robot
     description = robot.description

@@ -69,9 +69,8 @@ class TwoJointTransmission(NamedTuple):
 
     name: str
     kind: str  # one of _TURNS_OF_MOTORS
-    joints: Names  # in the order of their roles, as the motors
-    motors: Names
-    reductions: Mapping[str, float]  # by joint and motor, where the file states one
+    joints: Mapping[str, float]  # reductions by name, in the order of the roles, as of the motors
+    motors: Mapping[str, float]
 
 
 class Transmission(NamedTuple):
@@ -145,20 +144,22 @@ def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
     return elements
 
 
-def _reductions(transmission: Element, where: str) -> Iterator[tuple[str, float]]:
-    """Yield the reductions [motor / joint] in a transmission, each with the name of its joint or actuator."""
-    for part in (transmission, *transmission.findall("joint"), *transmission.findall("actuator")):
+def _read_reductions(parts: Iterable[Element], where: str) -> dict[str, float]:
+    """Return the reduction [motor / joint] that each part of a transmission states, else 1, by name.
+
+    Parts are in the order of their roles. A part that states several reductions has their product.
+    """
+    reductions: dict[str, float] = {}
+    for part in sorted(parts, key=lambda part: part.get("role", "")):
+        name = part.get("name", "")
+        factor = reductions.setdefault(name, 1.0)
         for tag in ("mechanicalReduction", "mechanical_reduction"):
-            for text in part.findall(tag):
-                label = f"{where}: <{tag}>"
-                (reduction,) = parse_numbers(label, text.text, 1)
-                yield part.get("name", ""), reduction
-
-
-def _parse_offset(offset: Element, where: str) -> float:
-    """Return the number [rad, m] in an `<offset>` of a transmission."""
-    (number,) = parse_numbers(f"{where}: <offset>", offset.text, 1)
-    return number
+            for element in part.findall(tag):
+                factor *= parse_numbers(f"{where}: <{tag}>", element.text, 1)[0]
+        if not factor:
+            raise RobotFileError(f"{where}: the reduction of {name} is zero")
+        reductions[name] = factor
+    return reductions
 
 
 def _select_tree(root: Element, base: str | None) -> None:
@@ -287,7 +288,7 @@ class UrdfTree(Tree):
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
         self.two_joint_transmissions: list[TwoJointTransmission] = []
         for transmission in root.iter("transmission"):
-            self._read_gears(transmission)
+            self._read_transmission(transmission)
 
         # links and joints, which `Tree` stores; impossible inertias and limits are removed from `root`
         impossible: Complaints = []
@@ -400,53 +401,40 @@ class UrdfTree(Tree):
         """Add a motor to a joint, with the gear that the URDF states."""
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}, self.gears.get(joint, 1.0)))
 
-    def _read_gears(self, transmission: Element) -> None:
-        """Read the gear of a motor on one joint; remark on transmissions of several joints.
+    def _read_transmission(self, transmission: Element) -> None:
+        """Read the gear of a motor on one joint, or of two motors on two joints; remark on all others.
 
-        The reduction [motor / joint] stands at the actuator (ROS 1), at the joint (ros2_control), or beside
-        both (older files). It is a product where several do.
+        The reduction stands at the actuator (ROS 1), at the joint (ros2_control), or beside both (older
+        files). It is a product where several do.
         """
         name = transmission.get("name", "")
         where = f"transmission {name!r}"
-        kind = (
-            transmission.findtext("type") or transmission.findtext("plugin") or transmission.get("type") or ""
-        )
-        kind = kind.strip().rpartition("/")[2]
-        joints = [joint.get("name", "") for joint in transmission.findall("joint")]
-        for part, reduction in _reductions(transmission, where):
-            if not reduction:
-                raise RobotFileError(f"{where}: the reduction of {part} is zero")
-        if any(_parse_offset(offset, where) for offset in transmission.iter("offset")):
+        kinds = transmission.findtext("type"), transmission.findtext("plugin"), transmission.get("type")
+        kind = next(filter(None, kinds), "").strip().rpartition("/")[2]
+        (common,) = _read_reductions([transmission], where).values()
+        joints = _read_reductions(transmission.findall("joint"), where)
+        motors = _read_reductions(transmission.findall("actuator"), where)
+        offsets = [parse_numbers(f"{where}: <offset>", part.text, 1) for part in transmission.iter("offset")]
+        if np.any(offsets):
             self.remarks.append(
                 f"{where}: its offset is not read: motor angles are zero where the joints are"
             )
-        if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(transmission.findall("actuator")):
-            motors = self._names_by_role(transmission, where, "actuator")
-            joints_by_role = self._names_by_role(transmission, where, "joint")
-            reductions = dict(_reductions(transmission, where))
-            self.two_joint_transmissions.append(
-                TwoJointTransmission(name, kind, joints_by_role, motors, reductions)
-            )
-            return
-        if len(joints) > 1 or kind not in ("", "SimpleTransmission"):
+        if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(motors) and all([*joints, *motors]):
+            gears = {motor: common * reduction for motor, reduction in motors.items()}
+            self.two_joint_transmissions.append(TwoJointTransmission(name, kind, joints, gears))
+        elif len(joints) > 1 or kind not in ("", "SimpleTransmission"):
             self.remarks.append(
                 f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
                 f"to be at these joints, without gears"
             )
-            return
-        for _, reduction in _reductions(transmission, where):
-            for joint in joints:
-                self.gears[joint] = self.gears.get(joint, 1.0) * reduction
-        if negative := [joint for joint in joints if self.gears.get(joint, 1.0) < 0.0]:
-            self.remarks.append(
-                f"{where}: the motor of {negative[0]} turns against its joint; its sign is left out"
-            )
-
-    @staticmethod
-    def _names_by_role(transmission: Element, where: str, tag: str) -> Names:
-        """Return the names of the parts of a transmission with a tag, in the order of their roles."""
-        parts = sorted(transmission.findall(tag), key=lambda part: part.get("role", ""))
-        return tuple(attribute(part, f"{where}: <{tag}>", "name") for part in parts)
+        else:
+            for joint, reduction in joints.items():
+                gear = common * reduction * math.prod(motors.values())
+                self.gears[joint] = self.gears.get(joint, 1.0) * gear
+                if self.gears[joint] < 0.0:
+                    self.remarks.append(
+                        f"{where}: the motor of {joint} turns against its joint; its sign is left out"
+                    )
 
     def add_two_joint_transmissions(self) -> None:
         """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
@@ -454,30 +442,21 @@ class UrdfTree(Tree):
         Raises:
             RobotFileError: a transmission names a joint that is not one of the movable ones.
         """
-        for transmission in self.two_joint_transmissions:
-            where = f"transmission {transmission.name!r}: {transmission.kind}"
-            for joint in transmission.joints:
-                check_name(where, "movable joint", joint, self.movable)
-            self.motors = [motor for motor in self.motors if motor not in transmission.joints]
-            reductions = [transmission.reductions.get(joint, 1.0) for joint in transmission.joints]
-            first_reduction, second_reduction = reductions
-            turns = _TURNS_OF_MOTORS[transmission.kind](first_reduction, second_reduction)
-            for motor, arms in zip(transmission.motors, turns, strict=True):
+        for name, kind, joints, motors in self.two_joint_transmissions:
+            for joint in joints:
+                check_name(f"transmission {name!r}: {kind}", "movable joint", joint, self.movable)
+            self.motors = [motor for motor in self.motors if motor not in joints]
+            turns = _TURNS_OF_MOTORS[kind](*joints.values())
+            carried = self.joints[list(joints)[-1]].child
+            for (motor, gear), arms in zip(motors.items(), turns, strict=True):
                 rotor = free_name(f"{motor}_rotor", self._taken)
-                name = free_name(motor, self._taken)
-                hinge = NewJoint(name, "continuous", np.eye(4), unit_vector("z"))
-                elements = [
-                    Element("link", name=rotor),
-                    *chain_elements(self.base, [hinge], rotor, np.eye(4), self._taken),
-                ]
-                self.root.extend(elements)
-                self._add_to_tree(elements)
-                gear = transmission.reductions.get(motor, 1.0)
+                hinge = free_name(motor, self._taken)
+                turn = NewJoint(hinge, "continuous", np.eye(4), unit_vector("z"))
+                self._add_chain(self.base, [turn], rotor)
                 # gear ratios have no sign, so that the rotor has it
-                terms = {name: math.copysign(1.0, -gear), **dict(zip(transmission.joints, arms, strict=True))}
-                carried = self.joints[transmission.joints[-1]].child
-                self.equate(f"{transmission.name}_{motor}", terms, 0.0, (rotor, carried))
-                self.transmissions.append(Transmission(f"motor {name!r}", {name: 1.0}, abs(gear)))
+                terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
+                self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
+                self.transmissions.append(Transmission(f"motor {hinge!r}", {hinge: 1.0}, abs(gear)))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
@@ -569,6 +548,13 @@ class UrdfTree(Tree):
         del self.joints[joint.name]
         self._add_to_tree(elements)
 
+    def _add_chain(self, parent: str, motions: Sequence[NewJoint], last: str) -> None:
+        """Add massless joints in series on a link, and the new link `last` behind them."""
+        joints = chain_elements(parent, motions, last, np.eye(4), self._taken)
+        elements = [Element("link", name=last), *joints]
+        self.root.extend(elements)
+        self._add_to_tree(elements)
+
     def _add_to_tree(self, elements: Iterable[Element]) -> None:
         """Add links and joints that are in the XML to the tree, links before the joints that move them."""
         for element in elements:
@@ -643,12 +629,7 @@ class UrdfTree(Tree):
             self.couplings.append(Coupling(motion, leader, ratios[leader], offset))
             origin, offset = np.eye(4), 0.0  # of all but the first
         last = free_name(f"{name}_sum", self._taken)
-        elements = [
-            Element("link", name=last),
-            *chain_elements(follower.parent, motions, last, np.eye(4), self._taken),
-        ]
-        self.root.extend(elements)
-        self._add_to_tree(elements)
+        self._add_chain(follower.parent, motions, last)
         self.virtual |= {motion.name for motion in motions}
         ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
         self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])

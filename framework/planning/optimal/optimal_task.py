@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import NoLaw
-from framework.kinematics.continuation.tracking import Branch, escape_error
+from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import Stretch
@@ -153,7 +153,7 @@ def _check_common_speed(task: Task, point: SingularPoint, rows: Array) -> None:
     z_and_u = V_rows[:rank].T @ (required[:rank] / S[:rank])
     is_solvable = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
     if not is_solvable or (rank == 2 and not z_and_u[0] > 0.0):
-        raise escape_error(
+        raise uncontrolled_error(
             task.robot,
             point.s,
             task.branch.path(point.s),
@@ -165,13 +165,14 @@ def _check_common_speed(task: Task, point: SingularPoint, rows: Array) -> None:
 def check_single_crossings(task: Task) -> None:
     """Raise NoLaw at a point that deflections turn into two crossings or none.
 
-    This happens where the path only touches the locus, or where several motions escape at once.
+    This happens where the path only touches the locus, or where several motions are uncontrolled at once.
     """
     if not task.robot.n_e or task.geometry == "rigid":
         return
     for target in task.targets:
         if target.contact == "tangential" or target.corank > 1:
-            event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions escape"
+            corank = target.corank
+            event = "touches the locus" if corank == 1 else f"leaves {corank} motions uncontrolled"
             raise NoLaw(
                 f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "
                 f"crossings there or none; move the path off the locus or across it, or use geometry rigid"

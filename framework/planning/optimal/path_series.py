@@ -267,7 +267,7 @@ def sample_demand(task: Task) -> SampledDemand | None:
     Cells are halved until all quantities are resolved, or until there are too many cells.
     """
     points = task.to_cross.points
-    # the pole is of second order if the path touches the locus, or if several motions escape at once
+    # the pole is of second order if the path touches the locus, or if several motions are uncontrolled
     pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]
     poles = np.repeat([point.s for point in points], pole_orders)
     edges = uniform_cells(task, FIRST_CHEBYSHEV_CELLS)

@@ -18,7 +18,7 @@ path touches the locus without crossing it, this requires condition (8) and its 
 
     c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u.
 
-Where several motions escape at once, each of them has its own condition.
+Where several motions are uncontrolled at once, each of them has its own condition.
 """
 
 from __future__ import annotations
@@ -239,10 +239,10 @@ def _conditions_at_points(
     # null vectors that are smooth along the path: the border is that of the singular pose
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
-    escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
+    uncontrolled = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     probes = _probe_motions(branch, phi, sigma, closed)
     forces = _linearised_forces(branch, probes, sigma, s, z0)
-    terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
+    terms = forces[:, :, None] * uncontrolled  # (3, M, corank, nv)
     scales = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
     return np.moveaxis(terms.sum(axis=3), 0, 2), scales
 

@@ -9,7 +9,7 @@ from numpy.polynomial import chebyshev
 
 from framework import Condition, Law, Line, ParallelRobot, inverse_dynamics, track_path
 from framework.catalogue import robot_file
-from framework.dynamics.elasticity import solve_deflections
+from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.inverse_kinematics import close_loops
@@ -116,7 +116,7 @@ class SceneC:
     def nodes(self, count: float) -> Torque:
         """Ours: on Chebyshev nodes."""
         grid = TimeGrid.clear_of(np.array([CROSSING_TIME]), np.array([0.0, DURATION]), round(count))
-        state = solve_deflections(branch(), grid, lambda *_: self.law, "rigid", self.law)
+        state = pass_at_rest(branch(), grid, self.law, np.empty(0))
         return grid.fit(motor_torque(robot(), state.motion, state.forces.joint_torque))
 
     def proved(self, tolerance: float) -> Torque:

@@ -38,8 +38,7 @@ def panel_beside(distance):
     half = np.array([distance, 0.0])  # both legs keep about half of the room that they have in the middle
     middle = STRETCHED - [0.0, distance]
     path = Line(middle - half, middle + half)
-    first = linearised_at(ROBOT, assemble(ROBOT, path(0.0)).q[None], path(0.0)[None])
-    pose = with_tangents(ROBOT, path, np.zeros(1), first)
+    pose = linearised_at(ROBOT, assemble(ROBOT, path(0.0)).q[None], path(0.0)[None])
     return path, pose, path_sheet._close_panel(ROBOT, path, pose, 0.0, 1.0)
 
 

@@ -13,7 +13,7 @@ import pytest
 import robots
 from framework import Mechanism, NotAssembled, ParallelRobot, check_robot
 from framework.cli import main
-from framework.kinematics.diagnostics.assembly_search import find_closed_pose
+from framework.kinematics.assembly_search import find_closed_pose
 from tests.kinematics.linkages import ball, frame, joint, linkage
 from tests.oracles.placements import placements
 
@@ -230,3 +230,30 @@ def test_without_a_reference_a_pose_within_ranges_is_proposed(tmp_path):
     reference = check_robot(mechanism).reference
     assert 0.7 <= reference["crank"] <= 1.2
     assert 0.2 <= reference["block"] <= 0.3
+
+
+def test_a_robot_without_a_reference_is_loaded_within_ranges(tmp_path):
+    mechanism = slider_crank(tmp_path, "{}", crank='lower="0.7" upper="1.2"', block='lower="0.2" upper="0.3"')
+    robot = ParallelRobot.of(mechanism)
+    crank, block = robot.reference_values(robot.reference.q)["crank"], float(robot.reference.x[0])
+    assert 0.7 <= crank <= 1.2
+    assert block == pytest.approx(0.1 * np.cos(crank) + np.sqrt(0.26**2 - (0.1 * np.sin(crank)) ** 2))
+
+
+@pytest.mark.parametrize("reference", ["{}", "{crank: 2.0, rod: 2.0, block: 5.0}"])
+@pytest.mark.parametrize(("target", "block"), [("0.3", 0.3), ("0.5", 0.36)])  # stretched out at 0.36 m
+def test_loops_are_assembled_near_a_platform_pose_and_the_reference_can_be_pasted(
+    tmp_path, capsys, reference, target, block
+):
+    """By the law of cosines the crank stands at +-acos((x^2 + r^2 - l^2) / 2 r x)."""
+    file = slider_crank(tmp_path, reference).description.file
+    assert main(["pose", str(file), "--near-platform", target]) == 0
+    out = capsys.readouterr().out
+    pasted = out[out.index("{") : out.index("}") + 1]
+    assert ("  near  " in out) == (target == "0.5")
+    file.write_text(file.read_text().replace(reference, pasted))
+    robot = ParallelRobot.from_file(file)
+    assert robot.reference.x == pytest.approx([block], abs=1e-4)
+    cosine = (block**2 + 0.1**2 - 0.26**2) / (2 * 0.1 * block)
+    crank = robot.reference_values(robot.reference.q)["crank"]
+    assert np.cos(crank) == pytest.approx(cosine, abs=1e-3)

@@ -324,6 +324,7 @@ def test_a_motor_on_a_joint_that_follows_another_stays_there(tmp_path):
     assert all(plan.certificate.max_residual_torque < 1e-9 for plan in plans)
 
 
+@pytest.mark.parametrize("actuators", [("m1", "m2"), ("pitch", "roll")], ids=["own", "of joints"])
 @pytest.mark.parametrize(
     ("kind", "turns"),
     [
@@ -331,7 +332,7 @@ def test_a_motor_on_a_joint_that_follows_another_stays_there(tmp_path):
         ("FourBarLinkageTransmission", [[40 * 2, 0], [-50, -50 * 3]]),
     ],
 )
-def test_the_motors_of_two_joints_do_the_work_of_the_joints(tmp_path, kind, turns):
+def test_the_motors_of_two_joints_do_the_work_of_the_joints(tmp_path, kind, turns, actuators):
     """Motors turn by 40 (2 p + 3 r), -50 (2 p - 3 r), or 40 * 2 p, -50 (p + 3 r); RNEA of the tree alone."""
     more = transmission(
         f"<plugin>transmission_interface/{kind}</plugin>",
@@ -341,19 +342,20 @@ def test_the_motors_of_two_joints_do_the_work_of_the_joints(tmp_path, kind, turn
         part("joint", "pitch", "<mechanical_reduction>2</mechanical_reduction>").replace(
             ">", ' role="joint1">', 1
         ),
-        part("actuator", "m1", "<mechanical_reduction>40</mechanical_reduction>"),
-        part("actuator", "m2", "<mechanical_reduction>-50</mechanical_reduction>"),
+        part("actuator", actuators[0], "<mechanical_reduction>40</mechanical_reduction>"),
+        part("actuator", actuators[1], "<mechanical_reduction>-50</mechanical_reduction>"),
     )
     tree = (
         f'<robot name="wrist"><link name="base"/>{link("a")}{link("b")}'
         + joint("pitch", "base", "a").replace("0 0 1", "0 1 0")
         + joint("roll", "a", "b").replace("0 0 1", "1 0 0")
     )
-    said = {"platform": "b", "platform_joints": ["pitch", "roll"], "motors": ["m1", "m2"]}
+    motors = [name if name.startswith("m") else f"{name}_" for name in actuators]
+    said = {"platform": "b", "platform_joints": ["pitch", "roll"], "motors": motors}
     description = read(tmp_path, f"{tree}{more}</robot>", **said).description
     robot = ParallelRobot.from_file(write_robot_file(description, tmp_path / "out"))
     proposed = read(tmp_path, f"{tree}{more}</robot>").description
-    assert (set(proposed.motor_joints), proposed.platform.joints) == ({"m1", "m2"}, ("pitch", "roll"))
+    assert (set(proposed.motor_joints), proposed.platform.joints) == (set(motors), ("pitch", "roll"))
     y, dy, ddy = np.array([0.3, -0.5]), np.array([0.7, 1.1]), np.array([-1.0, 2.0])
     pose = assemble(robot, y)
     np.testing.assert_allclose(robot.gear_ratio * pose.q[robot.actuated], np.array(turns) @ y, atol=1e-12)

@@ -6,7 +6,8 @@ fixed seed from the range of each joint. The range is that of the limits; withou
 a length of the robot in both directions. If the reference states some joints only, these stay near it as
 far as the loops allow, and the others are free. From each start bounded trust-region least squares
 (`scipy.optimize`) first nearly closes the loops with joints near the reference, then closes them. Of the
-first few closed poses the nearest to the reference is returned.
+first few closed poses the nearest to the reference is returned, or the one whose platform is nearest to given
+coordinates. Then all loops are one group, and the offset of the platform counts as a gap at first.
 
 The result closes the loops and keeps the limits. But parts may collide, or the robot may be intended for
 another assembly.
@@ -25,10 +26,12 @@ from framework.kinematics.closures import (
     direction_gap_derivatives,
     direction_gaps,
     find_flipped_closure,
+    scale_jacobian,
     scaled_equations,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism, velocity_columns
+from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray, select
@@ -56,8 +59,11 @@ class ClosedPose(NamedTuple):
     distance: str  # of that joint from the reference, such as "0.6 rad"
 
 
-def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
+def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -> ClosedPose:
     """Find a configuration that closes all loops within the joints' limits, springs at rest.
+
+    Args:
+        near_platform: platform coordinates (n,) near which it is sought, instead of near the reference.
 
     Raises:
         NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
@@ -65,8 +71,11 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
+    groups = _group_loops(mechanism, lower, upper)
+    if near_platform is not None:
+        groups = [_whole_group(mechanism, lower, upper, near_platform)]
     try:
-        for group in _group_loops(mechanism, lower, upper):
+        for group in groups:
             u[group.columns] = _find_nearest_offsets(group)
     except NotAssembled as failure:
         raise _with_contradicting_limits(mechanism, failure) from None
@@ -77,6 +86,31 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     farthest = int(moved[np.argmax(np.abs(u[moved]))])
     distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
     return ClosedPose(q, mechanism.coordinates.name_of(farthest), distance)
+
+
+def can_close(
+    mechanism: Mechanism, columns: IntArray, positions: Array, near_platform: Array | None = None
+) -> bool:
+    """Return whether a search closes the loops in any mode, whatever the joints' limits.
+
+    Args:
+        columns: (k,) of joints that stand at `positions` (k,).
+        near_platform: platform coordinates (n,) that the pose must have.
+    """
+    free = replace(mechanism, limits=())
+    lower, upper = _joint_ranges(free)
+    reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
+    offsets = (positions - reference[columns]) / mechanism.column_scale[columns]
+    lower[columns] = offsets
+    upper[columns] = offsets + SAME_PLACE * np.maximum(np.abs(offsets), 1.0)
+    groups = _group_loops(free, lower, upper)
+    if near_platform is not None:
+        groups = [_whole_group(free, lower, upper, near_platform)]
+    try:
+        misses = [group.miss(_find_nearest_offsets(group)) for group in groups]
+    except NotAssembled:
+        return False
+    return bool(np.abs(np.concatenate(misses)).max(initial=0.0) < LOOP_GAP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +127,8 @@ class _Group:
     lower: Array  # (k,) least offsets within the limits; infinite without limits
     upper: Array  # (k,) largest offsets within the limits
     weights: Array  # (k,) of the offsets: 1 for joints that the reference states, less for others
+    platform: PlatformCoordinates | None = None  # that is to come near to a target
+    target: Array | None = None  # (n,) its coordinates there
 
     def gap(self, u: Array) -> Array:
         """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
@@ -109,6 +145,20 @@ class _Group:
         rows = [equations.jacobian[0], direction_slopes.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
         return np.concatenate(rows)[:, self.columns]
 
+    def miss(self, u: Array) -> Array:
+        """Compute the offset (n,) of the platform from its target [robot lengths, rad]; none without one."""
+        if self.platform is None or self.target is None:
+            return np.empty(0)
+        offset = self.platform.residual(self._frames(u), self.target[None])[0]
+        return np.where(self.platform.translations, offset / self.mechanism.length, offset)
+
+    def miss_slope(self, u: Array) -> Array:
+        """Compute the derivative (n, k) of `miss` along u."""
+        if self.platform is None:
+            return np.empty((0, len(u)))
+        jacobian = self.platform.jacobian(self._frames(u))[0]
+        return scale_jacobian(self.mechanism, jacobian, ~self.platform.translations)[:, self.columns]
+
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start (k,) that close the loops best.
 
@@ -120,23 +170,33 @@ class _Group:
         # steps of least norm (lsmr), as most loops have more joints than independent equations
         solver = "lsmr" if len(start) > 1 else "exact"
         bounds = self.lower, self.upper
+        if self.target is not None:  # first at the target, if it is within reach
+            start = least_squares(
+                lambda u: np.concatenate([self.gap(u), self.miss(u)]),
+                start,
+                lambda u: np.concatenate([self.slope(u), self.miss_slope(u)]),
+                bounds=bounds,
+                **CLOSING,
+            ).x
         answer = least_squares(self.gap, start, self.slope, bounds=bounds, tr_solver=solver, **CLOSING)
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
-        """Find the smallest offsets u (k,) near a start that nearly close the loops.
+        """Find the smallest offsets u (k,) near a start that nearly close the loops, near the target.
 
-        They minimise the sum of the squares of `weights` u and of gap / `GAP_PER_RADIAN`.
+        They minimise the sum of the squares of `weights` u, and of gap and miss over `GAP_PER_RADIAN`.
         """
         from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
-            """Compute the weighted gaps, then the weighted offsets, (m + 3 d + k,)."""
-            return np.concatenate([self.gap(u) / GAP_PER_RADIAN, self.weights * u])
+            """Compute the weighted gaps and misses, then the weighted offsets, (m + 3 d + n + k,)."""
+            gaps = np.concatenate([self.gap(u), self.miss(u)])
+            return np.concatenate([gaps / GAP_PER_RADIAN, self.weights * u])
 
         def slope(u: Array) -> Array:
-            """Compute the derivative (m + 3 d + k, k) of this residual."""
-            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.diag(self.weights)])
+            """Compute the derivative (m + 3 d + n + k, k) of this residual."""
+            slopes = np.concatenate([self.slope(u), self.miss_slope(u)])
+            return np.concatenate([slopes / GAP_PER_RADIAN, np.diag(self.weights)])
 
         answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY_CLOSING)
         return np.asarray(answer.x)
@@ -172,8 +232,7 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
     groups = []
-    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)
-    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
+    weights = _weights(mechanism)
     directions = mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
@@ -184,6 +243,30 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
         bounds = lower[columns], upper[columns]
         groups.append(_Group(mechanism, table, locked, columns, *bounds, weights[columns]))
     return groups
+
+
+def _weights(mechanism: Mechanism) -> Array:
+    """Return the weights (nv,) of the offsets: 1 for joints that the reference states."""
+    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)
+    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
+    return weights
+
+
+def _whole_group(mechanism: Mechanism, lower: Array, upper: Array, target: Array) -> _Group:
+    """Return all loop equations as one group, with the platform's target (n,).
+
+    Args:
+        lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
+        target: (n,) platform coordinates.
+    """
+    platform = platform_coordinates(mechanism.description.platform, mechanism.model)
+    platform = platform.choose_chart(frames_at(mechanism, mechanism.q_near[None]).platform_rotation)
+    columns = mechanism.joints
+    weights = UNSTATED_WEIGHT * _weights(mechanism)[columns]  # the target comes first
+    bounds = lower[columns], upper[columns]
+    return _Group(
+        mechanism, mechanism.rows, mechanism.directions, columns, *bounds, weights, platform, target
+    )
 
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -215,7 +298,7 @@ def _find_nearest_offsets(
     reference = np.clip(0.0, low, high)
 
     # with some joints stated and some not, every other start has the stated ones where the file has them
-    stated = group.weights == 1.0
+    stated = group.weights == group.weights.max(initial=0.0)
     holds = stated.any() and not stated.all()
     rng = np.random.default_rng(0)
     poses: list[Array] = []  # offsets (k,) that close the loops
@@ -229,11 +312,11 @@ def _find_nearest_offsets(
             best_u, least_gap = u, gap
         if gap < LOOP_GAP:
             poses.append(np.where(turning & ~limited, wrap_angles(u), u))
-            if k == 0 or len(poses) == enough_poses:
+            if (k == 0 and group.target is None) or len(poses) == enough_poses:
                 break
     if not poses:
         raise _still_open_error(group, best_u)
-    return min(poses, key=lambda u: float(np.linalg.norm(group.weights * u)))
+    return min(poses, key=lambda u: float(np.linalg.norm(np.concatenate([group.miss(u), group.weights * u]))))
 
 
 def _with_contradicting_limits(mechanism: Mechanism, failure: NotAssembled) -> NotAssembled:
