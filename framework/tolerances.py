@@ -645,7 +645,7 @@ friction.
 """
 
 BETTER_DEVIATIONS = 2.0
-"""By how many standard errors a twin must predict torques held out better than each simpler model.
+"""By how many standard deviations of chance a twin must predict torques held out better than simpler models.
 
 Of equally good models chance calls one in 40 better. At 0 every second; at 10 only recordings of many
 minutes prove anything.

@@ -117,7 +117,7 @@ IDENTIFIED = """\
   data              {0.instants} samples, {0.equations} equations; angles up to {0.cutoff:.3g} Hz, \
 poses by the {0.poses}
   noise of torques  {noise}{massless}
-  torques held out: error over torque, and how many standard errors a model is worse than the twin"""
+  torques held out: error over torque, and by how many deviations of chance it is worse than the twin"""
 
 QUANTITY = "  {0.name}\t{0.value:.5g}\t{0.deviation:.2g}\t{0.file:.5g}\t{1}"
 

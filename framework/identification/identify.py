@@ -39,12 +39,13 @@ from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import BETTER_DEVIATIONS, SIGNIFICANT_DEVIATIONS
 
 GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by these names
+UNDETERMINED_SPREAD = 1e-3  # of a combination that stays at the file's value, over its deviation or size
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
 
@@ -64,7 +65,7 @@ class Prediction(NamedTuple):
 
     model: str
     errors: Array  # (n_a,) root mean square error over root mean square torque
-    lead: float  # how much worse than the twin, in standard errors; infinite for the twin itself
+    lead: float  # how much worse than the twin, in standard deviations of chance; infinite for the twin
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +75,10 @@ class Identification(ReadOnlyArrays):
     Attributes:
         base: the base parameters of the robot.
         values, deviations: (rank,) base parameters estimated from the data alone, and their standard
-            deviations; a deviation is infinite if these data do not determine the parameter. Parameters that
-            were not asked for keep the file's values, with the deviation 0.
-        parameters: (p,) values of `base.parameters` that physically possible bodies can have; the data decide
-            what they determine, the prior about the file decides the rest.
+            deviations; those of parameters that these data do not show are their sizes. Parameters that were
+            not asked for keep the file's values, with the deviation 0.
+        parameters: (p,) values of `base.parameters` that physically possible bodies can have. Base parameters
+            that are `undetermined` stay at the file's values; the prior about the file decides the rest.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
         predictions: of the torques held out, the twin's first.
         noise: (n_a,) root mean square residual of the motor torques [N m, N].
@@ -105,8 +106,8 @@ class Identification(ReadOnlyArrays):
 
     @property
     def undetermined(self) -> Names:
-        """Names of base parameters whose standard deviation exceeds their size."""
-        return self._base_names(self.deviations > np.maximum(np.abs(self.values), np.abs(self.base.values)))
+        """Names of base parameters whose standard deviation exceeds their size; they stay at the file's."""
+        return self._base_names(_mask_undetermined(self.base, self.values, self.deviations))
 
     @property
     def changed(self) -> Names:
@@ -273,15 +274,22 @@ def identify(
 
     # the base parameters, then bodies that can exist
     by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (rank, f)
-    fit = estimate(rows, by_links if only else np.eye(base.rank), base.values, errors=errors)
-    root = fit.root if only else fit.root @ by_links
-    possible = fit_possible_parameters(robot, links, free, root, fit.right, prior)
     if only:
+        fit = estimate(rows, by_links, base.values, errors=errors)
+        possible = fit_possible_parameters(robot, links, free, fit.root, fit.right, prior)
         values = base.values + by_links @ (possible.values - links.values)[free]
         deviations = np.sqrt(np.vecdot(by_links @ possible.covariance[np.ix_(free, free)], by_links))
     else:
-        change, deviations = fit.solve(base.described.sizes[base.combinations.leading])
+        fit = estimate(rows, np.eye(base.rank), base.values, errors=errors)
+        sizes = base.described.sizes[base.combinations.leading]
+        change, deviations = fit.solve(sizes)
         values = base.values + change
+        # where the data may be off by more than the parameter's size, the file is the better estimate
+        spread = UNDETERMINED_SPREAD * np.minimum(deviations, sizes)
+        stays = _mask_undetermined(base, values, deviations)
+        constant = by_links[stays] / spread[stays, None]
+        root = fit.root @ by_links
+        possible = fit_possible_parameters(robot, links, free, root, fit.right, prior, constant=constant)
     parameters = base.described.values + links.to_parameters @ (possible.values - links.values)
     twin = base.combinations.coefficients @ parameters  # (rank,) base parameters
     return Identification(
@@ -304,6 +312,11 @@ def identify(
         order=fit.order,
         seconds=clock.perf_counter() - started,
     )
+
+
+def _mask_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
+    """Return a mask (rank,) of base parameters whose deviations exceed estimates and the file's values."""
+    return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
 def _mask_held_out(times: Array) -> BoolArray:
@@ -424,9 +437,12 @@ def _rank_models(models: Mapping[str, Array], test: TorqueRows) -> tuple[Predict
     """Compare residuals (T, n_a) by model with those of the first one.
 
     A squared error is summed over the motors, each over its mean squared torque, and averaged over each
-    block of the recording. The differences of the blocks have a mean and its standard error, by which the
-    first model leads.
+    block of the recording. Fast blocks have larger errors, of all models alike, so errors are compared by the
+    logarithm of their ratio. Its mean over the blocks, by its standard error, has Student's distribution; the
+    lead is the normal deviate of the same probability.
     """
+    from scipy.special import ndtri, stdtr  # slow to import
+
     valid = test.valid
     if not valid.any(axis=0).all():
         nothing = np.full(valid.shape[1], np.nan)
@@ -440,16 +456,16 @@ def _rank_models(models: Mapping[str, Array], test: TorqueRows) -> tuple[Predict
     for name, residual in models.items():
         squares = (residual / sizes) ** 2 * valid  # (T, n_a)
         errors[name] = np.sqrt(squares.sum(axis=0) / counts)
-        scores[name] = np.array([squares[blocks == k].sum() / valid[blocks == k].sum() for k in used])
-    first = next(iter(models))
-    predictions = []
-    for name in models:
-        lead = scores[name] - scores[first]
-        error = lead.std(ddof=1) / np.sqrt(len(lead)) if len(lead) > 1 else np.inf
-        is_first = name == first
-        predictions.append(
-            Prediction(name, errors[name], np.inf if is_first else float(lead.mean() / max(error, 1e-300)))
-        )
+        means = [squares[blocks == k].sum() / valid[blocks == k].sum() for k in used]
+        scores[name] = np.log(np.array(means) + LEAST_DIVISOR)
+    first, *others = models
+    predictions = [Prediction(first, errors[first], np.inf)]
+    freedom = len(used) - 1
+    for name in others:
+        difference = scores[name] - scores[first]
+        error = difference.std(ddof=1) / np.sqrt(len(used)) if freedom else np.inf
+        ratio = difference.mean() / max(error, LEAST_DIVISOR)
+        predictions.append(Prediction(name, errors[name], float(-ndtri(stdtr(max(freedom, 1), -ratio)))))
     return tuple(predictions)
 
 

@@ -31,7 +31,14 @@ class PossibleParameters(NamedTuple):
 
 
 def fit_possible_parameters(
-    robot: ParallelRobot, links: LinkParameters, free: IntArray, root: Array, right: Array, prior: float
+    robot: ParallelRobot,
+    links: LinkParameters,
+    free: IntArray,
+    root: Array,
+    right: Array,
+    prior: float,
+    *,
+    constant: Array | None = None,
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
@@ -44,18 +51,16 @@ def fit_possible_parameters(
         free: (f,) indices of the parameters that may change.
         root, right: equations root z = right with unit noise.
         prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
+        constant: (k, f) combinations of z that stay zero, over a spread that counts as zero. The covariance
+            is that without them.
 
     Raises:
         NotConverged: the solver does not converge.
     """
-    deviation = prior * links.prior_sizes[free]
-    _, sigma, V_rows = np.linalg.svd(root * deviation, full_matrices=True)
-    squares = np.zeros(len(free))
-    squares[: len(sigma)] = sigma**2
-    change = np.zeros((len(links.values), len(free)))
-    change[free] = deviation[:, None] * V_rows.T / np.sqrt(1.0 + squares)
-    gradient = V_rows @ (deviation * (root.T @ right))  # (f,)
-    best = links.values + change @ (gradient / np.sqrt(1.0 + squares))
+    change = posterior = _posterior_root(links, free, root, prior)
+    if constant is not None:
+        change = _posterior_root(links, free, np.concatenate([root, constant]), prior)
+    best = links.values + change @ (change[free].T @ (root.T @ right))
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     changed = [part for part in links.link_slices if np.isin(range(part.start, part.stop), free).any()]
@@ -75,7 +80,18 @@ def fit_possible_parameters(
         link = Element("link")
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return PossibleParameters(values, change @ change.T)
+    return PossibleParameters(values, posterior @ posterior.T)
+
+
+def _posterior_root(links: LinkParameters, free: IntArray, root: Array, prior: float) -> Array:
+    """Compute S (u, f), where S S' is the covariance of the parameters by `root` and prior."""
+    deviation = prior * links.prior_sizes[free]
+    _, sigma, V_rows = np.linalg.svd(root * deviation, full_matrices=True)
+    squares = np.zeros(len(free))
+    squares[: len(sigma)] = sigma**2
+    posterior = np.zeros((len(links.values), len(free)))
+    posterior[free] = deviation[:, None] * V_rows.T / np.sqrt(1.0 + squares)
+    return posterior
 
 
 def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:

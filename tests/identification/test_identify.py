@@ -10,14 +10,15 @@ import robots
 from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
-from framework.identification import Recording, identify
+from framework.identification import Identification, Recording, identify
 from framework.identification.base_parameters import (
     collect_link_parameters,
     torque_parameters,
     with_masses_and_motors,
 )
 from framework.identification.measured_motion import measured_motion
-from tests.benchmarks.intervals import measure_coverage
+from framework.identification.recording import HELD_OUT_EVERY
+from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record
 from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
@@ -47,22 +48,32 @@ def off_by_a_fifth(links, bodies, motors) -> None:
 
 TRUE = {name: other_robot(robot, off_by_a_fifth) for name, robot in NOMINAL.items()}
 SINES = {"size": 0.03, "rate": 250.0, "seed": 0}
-SLOWER = {**SINES, "rate": 125.0}
+LONG = {**SINES, "duration": 5.0}
+SLOW = {**SINES, "duration": 8.0, "rate": 50.0}
+EXACT = sines(TRUE["five_bar_heavy"][0], **SLOW)
 
 
-def error_of_truth(true: ParallelRobot, data: Recording) -> np.ndarray:
-    """Errors of the torques held out that the true parameters leave, by noise alone."""
-    return identify(true, data).error_before
+def assert_predicted_to_the_noise(found: Identification, true: ParallelRobot, data: Recording) -> None:
+    """Torques held out are predicted as by the truth, but for what p parameters take of the noise.
+
+    N equations of a motor with the noise s leave an expected squared error of p s^2 / N in predictions at
+    most. In M equations held out it meets their noise in a product of the deviation 2 s^2 sqrt(p / N M).
+    """
+    noise = identify(true, data).error_before  # of the truth
+    N = found.equations / found.robot.n_a
+    share = found.base.rank / N
+    most = 1.0 + 2.0 * share + 3.0 * 2.0 * np.sqrt(share / (N / (HELD_OUT_EVERY - 1)))
+    assert (found.error_after < np.sqrt(most) * noise).all()
 
 
 @pytest.mark.parametrize("name", ["five_bar_heavy", pytest.param("three_rrr", marks=pytest.mark.slow)])
 def test_torques_held_out_are_predicted_and_the_bodies_can_exist(name):
     nominal, (true, values) = NOMINAL[name], TRUE[name]
-    data = measured(sines(true, duration=10.0, **SLOWER), true, 0)
+    data = measured(sines(true, **SLOW), true, 0)
     found = identify(nominal, data)
     assert found.error_before.min() > 0.1
     assert found.refusal is None
-    assert (found.error_after < 1.05 * error_of_truth(true, data)).all()
+    assert_predicted_to_the_noise(found, true, data)
     off = found.values - found.base.combinations.coefficients @ values
     assert np.abs(off / found.deviations).max() < 4.0
     back = found.identified_robot()
@@ -92,7 +103,7 @@ def test_an_error_of_one_rod_is_found_and_named():
     nominal = NOMINAL["five_bar_heavy"]
     true, _ = other_robot(nominal, heavier)
     done: list[int] = []
-    found = identify(nominal, measured(sines(true, duration=5.0, **SINES), true, 1), progress=done.append)
+    found = identify(nominal, measured(sines(true, **LONG), true, 1), progress=done.append)
     assert done == list(range(1, len(done) + 1))
     assert len(done) > 10
     assert found.changed
@@ -102,7 +113,7 @@ def test_an_error_of_one_rod_is_found_and_named():
 
 
 @pytest.mark.parametrize("duration", [1.0, 2.5])
-def test_what_a_short_recording_does_not_show_stays_near_the_file(duration):
+def test_what_a_short_recording_does_not_show_stays_as_in_the_file(duration):
     """A rod half as heavy again is seen in 1 s, dampings of 0.01 N m s/rad are not."""
 
     def heavier(links, bodies, motors) -> None:
@@ -115,12 +126,12 @@ def test_what_a_short_recording_does_not_show_stays_near_the_file(duration):
     change = found.base.combinations.coefficients @ (found.parameters - found.base.described.values)
     unseen = [name in found.undetermined for name in found.base.names]
     assert any(unseen)
-    assert np.abs(change / found.deviations)[unseen].max() < 1.0
+    assert np.abs(change / found.deviations)[unseen].max() < 1e-2
     assert np.linalg.norm(found.error_after) < np.linalg.norm(found.error_before)
     back = found.identified_robot()
     for name, damping in zip(back.actuator_names, back.joint_damping[back.actuated], strict=True):
         if f"{name}.damping" in found.undetermined:
-            assert damping < found.deviations[found.base.names.index(f"{name}.damping")]
+            assert damping == pytest.approx(0.0, abs=1e-5)
     for body in torque_parameters(back).values[: -3 * back.n_a].reshape(-1, 10):
         moments = np.linalg.eigvalsh(pseudo_inertia(body))
         assert moments.min() > -1e-13 * moments.max()
@@ -130,7 +141,9 @@ def test_a_twin_no_better_than_the_file_is_not_written(tmp_path, capsys):
     """The file's own robot: nothing but noise can be found, and the answer is no."""
     robot = NOMINAL["five_bar_heavy"]
     file = tmp_path / "data.csv"
-    file.write_text(measured(sines(robot, duration=1.0, **SINES), robot, 0, torque=0.1).as_csv())
+    file.write_text(
+        measured(sines(robot, **{**SINES, "duration": 1.0, "rate": 125.0}), robot, 0, torque=0.1).as_csv()
+    )
     assert main(["identify", "five_bar_heavy", str(file), "--out", str(tmp_path / "twin")]) == 1
     said = capsys.readouterr()
     assert "no better than" in said.err
@@ -140,7 +153,7 @@ def test_a_twin_no_better_than_the_file_is_not_written(tmp_path, capsys):
 
 def test_torques_in_steps_that_hide_the_motion_are_the_reason():
     robot = NOMINAL["five_bar_heavy"]
-    data = measured(sines(robot, duration=2.0, **SINES), robot, 0)
+    data = measured(sines(robot, **SLOW), robot, 0).rows(slice(150))
     values = data.values.copy()
     steps = 0.5 * np.abs(values[:, 3:5]).max(axis=0)
     values[:, 3:5] = np.round(values[:, 3:5] / steps) * steps
@@ -189,6 +202,27 @@ def test_mass_and_centre_of_a_platform_are_known_to_a_percent():
         assert centre.value == pytest.approx(moment / mass, abs=4.0 * centre.deviation)
 
 
+@pytest.mark.slow
+def test_intervals_of_a_payload_hold_the_truth_from_a_poor_stroke(monkeypatch):
+    """Mass and centre in 40 runs of one stroke: 95 % within 4 points, 2 deviations of chance."""
+    monkeypatch.setitem(MOTIONS, "stroke", (1.0, 250.0))
+    nominal = robots.load("gough_stewart")
+
+    def heavier(links, bodies, motors) -> None:
+        bodies[links.index("platform")] *= 1.1
+
+    true, _ = other_robot(nominal, heavier)
+    links = collect_link_parameters(true, torque_parameters(true))
+    mass, *moments = links.values[10 * links.links.index("platform") :][:4]
+    truth = [mass, *(moment / mass for moment in moments)]
+    exact = exact_motors(true, "stroke", size=0.02)
+    inside = []
+    for seed in range(RUNS):
+        shown = identify(nominal, record(true, exact, seed), only=["payload"]).quantities[:4]
+        inside += [abs(q.value - value) < 1.96 * q.deviation for q, value in zip(shown, truth, strict=True)]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
+
+
 def mistaken(data: Recording, change) -> Recording:
     """The recording with its columns changed in place."""
     values = data.values.copy()
@@ -212,14 +246,14 @@ def exchange(values: np.ndarray) -> None:
     [
         (scale([0], 1e3), "--unit time=ms"),
         (scale([3, 4], -1.0), "--sign torque=-1"),
-        (scale([4], -1.0), "--sign torque_right_motor=-1"),
+        pytest.param(scale([4], -1.0), "--sign torque_right_motor=-1", marks=pytest.mark.slow),
         (scale([1, 2], np.degrees(1.0)), "--unit motor_angle=deg"),
-        (scale([3, 4], 1e3), "--unit torque=mNm"),
-        (exchange, "--swap torque_left_motor=torque_right_motor"),
+        pytest.param(scale([3, 4], 1e3), "--unit torque=mNm", marks=pytest.mark.slow),
+        pytest.param(exchange, "--swap torque_left_motor=torque_right_motor", marks=pytest.mark.slow),
     ],
 )
 def test_a_mistaken_column_is_named_with_the_option_that_declares_it(change, option, tmp_path, capsys):
-    data = mistaken(measured(RECORDED["exact"], TRUE["five_bar_heavy"][0], 0), change)
+    data = mistaken(measured(EXACT, TRUE["five_bar_heavy"][0], 0).rows(slice(150)), change)
     file = tmp_path / "data.csv"
     file.write_text(data.as_csv())
     assert main(["identify", "five_bar_heavy", str(file)]) == 2
@@ -227,16 +261,14 @@ def test_a_mistaken_column_is_named_with_the_option_that_declares_it(change, opt
     assert main(["identify", "five_bar_heavy", str(file), *option.split()]) == 0
 
 
-RECORDED = {"exact": sines(TRUE["five_bar_heavy"][0], duration=2.5, **SLOWER)}
-
-
 def test_unequal_time_steps_are_taken_as_they_are():
-    """A tenth of the rows is missing, and a gap of 50 ms: friction is found within its interval."""
+    """A tenth of the rows is missing, and a gap of 140 ms: friction is found within its interval."""
     nominal, (true, values) = NOMINAL["five_bar_heavy"], TRUE["five_bar_heavy"]
-    data = measured(RECORDED["exact"], true, 0)
+    data = measured(EXACT, true, 0)
     random = np.random.default_rng(0)
     kept = np.sort(random.permutation(len(data))[: len(data) * 9 // 10])
     found = identify(nominal, data.rows(kept[(kept < 100) | (kept > 106)]))
+    assert found.refusal is None
     off = found.values - found.base.combinations.coefficients @ values
     assert np.abs(off / found.deviations).max() < 4.0
 
@@ -244,7 +276,7 @@ def test_unequal_time_steps_are_taken_as_they_are():
 def test_the_error_of_a_motion_without_a_singularity_is_known():
     """The delta's `pick` keeps away from Type 2, though its best direction is 40 times its worst."""
     robot = robots.load("delta")
-    values = planned_motors(plan_scene(robot, "pick"), 1501)
+    values = planned_motors(plan_scene(robot, "pick"), 751)
     found = identify(robot, Recording("pick", motor_columns(robot), values), cutoff=20.0)
     assert (found.error_before < 0.02).all()
 
@@ -255,10 +287,11 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     plan = plan_scene(robot, "C")
     names, values = motor_columns(robot), planned_motors(plan, 1501)
     x = plan.platform(values[:, 0])
-    for stride in (2, 3):  # rounding decides on which side of the crossing an instant lies
+    for stride in (4, 5):  # rounding decides on which side of the crossing an instant lies
         with pytest.raises(Type2Singularity, match="poses must come from the measured platform") as refusal:
-            identify(robot, Recording("C", names, values[stride // 2 :: stride]))
+            measured_motion(robot, Recording("C", names, values[stride // 2 :: stride]))
         np.testing.assert_allclose(refusal.value.platform, plan.crossings[0].platform, atol=2e-3)
+    values, x = values[::2], x[::2]
     with_platform = Recording("C", (*names, "platform_x", "platform_y"), np.column_stack([values, x]))
     found = identify(robot, with_platform, cutoff=20.0)
     assert found.poses == "platform"
@@ -268,7 +301,7 @@ def test_a_motion_through_type_2_goes_by_the_platform():
     values[:, 1] += 0.5 * robot.gear_ratio[0]
     elsewhere = Recording("C", with_platform.names, np.column_stack([values, x]))
     with pytest.raises(InvalidInput, match="motor_angle_left_motor contradicts the measured platform"):
-        identify(robot, elsewhere, cutoff=20.0, poses="platform")
+        measured_motion(robot, elsewhere, cutoff=20.0, poses="platform")
 
 
 def test_whole_turns_of_a_motor_do_not_change_the_motion():
@@ -307,13 +340,12 @@ def test_what_cannot_be_identified_from_is_said(change, options, message):
 def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monkeypatch):
     data = tmp_path / "data.csv"
     true, _ = TRUE["five_bar"]
-    recorded = measured(sines(true, duration=5.0, **SLOWER), true, 0)
+    recorded = measured(sines(true, **SLOW), true, 0)
     data.write_text(recorded.as_csv())
     assert main(["identify", "five_bar", str(data), "--out", str(tmp_path / "new"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["rank"], len(found["base_parameters"])) == (9, 9)
-    errors = np.array(list(found["torque_error_after"].values()))
-    assert (errors < 1.05 * error_of_truth(true, recorded)).all()
+    assert found["accepted"]
     assert min(found["torque_error_before"].values()) > 0.1
     assert main(["check", found["robot_file"]]) == 0
     capsys.readouterr()

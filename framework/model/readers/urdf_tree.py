@@ -287,6 +287,7 @@ class UrdfTree(Tree):
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
         self.two_joint_transmissions: list[TwoJointTransmission] = []
+        self.unread_transmissions: list[str] = []
         for transmission in root.iter("transmission"):
             self._read_transmission(transmission)
 
@@ -423,10 +424,9 @@ class UrdfTree(Tree):
             gears = {motor: common * reduction for motor, reduction in motors.items()}
             self.two_joint_transmissions.append(TwoJointTransmission(name, kind, joints, gears))
         elif len(joints) > 1 or kind not in ("", "SimpleTransmission"):
-            self.remarks.append(
-                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
-                f"to be at these joints, without gears"
-            )
+            unread = f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
+            self.unread_transmissions.append(unread)
+            self.remarks.append(f"{unread}: motors are taken to be at these joints, without gears")
         else:
             for joint, reduction in joints.items():
                 gear = common * reduction * math.prod(motors.values())
