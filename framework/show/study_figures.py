@@ -148,7 +148,7 @@ def plot_robustness(
     far = [f"{limit:.3g}" for limit in limits[~is_near & np.isfinite(limits)]]
     if far:
         notes.append(f"limits beyond: {', '.join(far)}")
-    in_brackets = f"  ({'; '.join(notes)})" if notes else ""
+    in_brackets = f"\n({'; '.join(notes)})" if notes else ""
     torques.set_xlabel(f"peak motor torque  [N m]{in_brackets}")
     legend_above(errors)
     return errors

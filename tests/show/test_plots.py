@@ -298,7 +298,7 @@ def test_limits_of_a_robustness_figure_are_drawn_or_told(limit, drawn, words):
     loop = SimpleNamespace(tolerance=1e-2, limit=limit)
     _, torques = plot_robustness([study], loop=loop).figure.axes
     assert [line.get_xdata()[0] for line in torques.lines[1:]] == drawn
-    assert torques.get_xlabel() == f"peak motor torque  [N m]  {words}".rstrip()
+    assert torques.get_xlabel() == f"peak motor torque  [N m]\n{words}".rstrip()
 
 
 def test_a_phase_plane_where_the_motors_cannot_even_hold_the_robot_gives_no_warning(
