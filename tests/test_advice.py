@@ -54,7 +54,6 @@ TRIED = [  # a wrong command line, its exit code, what to try
     ("plan --scene C", 2, "plan five_bar --scene C --out move"),
     ("pose", 2, "pose five_bar --motors 1.2 1.9"),
     ("pose five_bar", 2, "pose five_bar --motors 1.27186 1.08362"),
-    ("help plan", 2, "plan --help"),
     ("--json check five_bar", 2, "check five_bar --json"),
     (f"plan five_bar {LINE}", 2, f"plan five_bar {LINE} --duration 1"),
     (f"plan five_bar --scene A {LINE}", 2, "plan five_bar --scene A"),

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from framework.catalogue import robot_file
 from framework.cli.parser import Report
 from framework.errors import InvalidInput, finite_numbers
@@ -81,7 +83,7 @@ def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled at its reference, as `load_mechanism` does."""
     mechanism = load_mechanism(options)
     robot = ParallelRobot.of(mechanism)
-    if not mechanism.description.reference and robot.q_near is not mechanism.q_near:
+    if not mechanism.description.reference and not np.array_equal(robot.q_near, mechanism.q_near):
         options.warnings.append(
             f"{robot.name}: no reference is given; a search has found one within the joints' limits, which "
             f"`crossing check` prints"

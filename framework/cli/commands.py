@@ -52,7 +52,6 @@ COMMANDS = {
     "locate": Command(
         "find the singular points on a path",
         (
-            "crossing locate five_bar",
             "crossing locate five_bar --scene C",
             "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
         ),

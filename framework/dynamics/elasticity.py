@@ -38,8 +38,8 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-# chooses the law for given deflections and the law of the last pass; both are None before the first pass
-LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
+# chooses the law for given deflections, which are None before the first pass
+LawChoice = Callable[[TimeFunction | None], MotionLaw]
 
 
 class Checkpoints(NamedTuple):
@@ -85,7 +85,7 @@ def solve_deflections(
 
     Args:
         at_rest: the pass with springs at rest, from which the iteration begins.
-        choose_law: function of the deflections and of the last pass's law that returns the next pass's law.
+        choose_law: function of the deflections that returns the law of a pass.
         geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
             iterates until the deflections settle.
         tolerance: relative change of deflections that counts as settled.
@@ -121,7 +121,7 @@ def _iterate_passes(
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
     Args:
-        choose_law: function of the deflections and of the last pass's law that returns the law of a pass.
+        choose_law: function of the deflections that returns the law of a pass.
         tolerance: relative change of deflections that counts as settled.
         current: the first pass.
     """
@@ -146,8 +146,7 @@ def _iterate_passes(
             break
         last_change = change
         try:
-            law = choose_law(following, current.law)
-            current = evaluate_pass(branch, grid, law, following, current)
+            current = evaluate_pass(branch, grid, choose_law(following), following, current)
         except NoAnswer:
             break
     return replace(solution, is_settled=change <= tolerance)
@@ -219,7 +218,7 @@ def _relative_size(
 
 
 def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> Pass:
-    """Compute the pass with springs at rest on the nodes of the grid, with checkpoints at other instants.
+    """Compute the pass with springs at rest, on a grid and at checkpoints.
 
     All instants are one stack, whose loops are closed and whose motion is computed once.
 

@@ -139,7 +139,7 @@ def resolve_law(
         NoAnswer: as `inverse_dynamics`.
     """
     resolve_law_with = partial(
-        resolve, searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction
+        resolve, searched, lambda _: law, geometry=geometry, tolerance=tolerance, friction=friction
     )
     try:
         return resolve_law_with(known=None)
@@ -208,8 +208,8 @@ def resolve(
     known not to help. A resolved motion must pass all checks.
 
     Args:
-        choose_law: a function of the deflections and of the previous law that returns the law to follow. For
-            None and None it returns the law for springs at rest.
+        choose_law: a function of the deflections that returns the law to follow; for None that for springs
+            at rest.
         geometry: "rigid" or "deformed".
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints, "none" does not.
@@ -220,7 +220,7 @@ def resolve(
     """
     check_tolerance(tolerance)
     robot = searched.branch.robot
-    law = choose_law(None, None)  # for springs at rest
+    law = choose_law(None)  # for springs at rest
     crossed = find_crossed_points(searched.branch, searched.points, law)
     refinement = _Refinement(searched, choose_law, geometry, tolerance, known, law, crossed)
     unseen: NearMiss | None = None  # near miss that the last grid did not resolve

@@ -76,7 +76,8 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
     """
     robot, times = result.robot, missing.times
     # the load of an idle joint is no error of the series: `check_idle_joints` limits it
-    residual = np.delete(missing.residual, robot.structure.idle, axis=1)
+    residual = missing.residual.copy()
+    residual[:, robot.structure.idle] = 0.0
     poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
         solution.motion.linearised.solved_residual,  # on the nodes
@@ -198,9 +199,10 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
 
 
 def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> MissingForces:
-    """Compute the forces missing for balance between the nodes, and with idle joints on the nodes, too.
+    """Compute the forces missing for balance between the nodes.
 
-    On the nodes the equations of all joints but the idle ones hold by construction.
+    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
+    joints are checked on the nodes, too.
 
     Args:
         solution: motion and forces on the nodes of the grid.

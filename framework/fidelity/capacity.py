@@ -214,9 +214,10 @@ def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) ->
     (m_2, p_2), (m_1, p_1) = peaks[-2:]
     limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) * (m_2 - m_1) / (p_2 - p_1)
     if abs(limit / capacity.multiple - 1.0) < BRACKET_RATIO:  # planned just below it
-        limit = capacity.multiple * (1.0 + 1.35 * BRACKET_RATIO)
-    below = limit * (1.0 - 0.45 * BRACKET_RATIO)
-    return below if capacity.multiple < below < capacity.end else middle
+        trial = capacity.multiple * (1.0 + 0.9 * BRACKET_RATIO)  # which ends the search if it is refused
+    else:
+        trial = limit * (1.0 - 0.45 * BRACKET_RATIO)
+    return trial if capacity.multiple < trial < capacity.end else middle
 
 
 def _bound_capacity(

@@ -281,7 +281,7 @@ def _add_loops(
 def _add_polynomial(
     equality: Element, tag: str, members: dict[str, str], offset: float, ratio: float
 ) -> None:
-    """Add the equality of a joint or tendon with offset + ratio times another, a polynomial of degree 4."""
+    """Add the equality of a joint or tendon with offset + ratio times another one."""
     polynomial = {"polycoef": vector_text([offset, ratio, 0, 0, 0])}
     SubElement(equality, tag, members | polynomial | HARD_EQUALITY)
 

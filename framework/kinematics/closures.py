@@ -138,8 +138,9 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
     *stack, frames, vectors, _ = placements.shape  # 4 vectors of each frame: three axes, then the origin
     flat = placements.reshape(*stack, frames * vectors, 3)
     selected = flat.take(rows.vectors, axis=-2)  # (..., 4, m, 3): u, w and both origins of each row
-    u, w, start, end = (selected[..., k, :, :] for k in range(4))
-    d = end - start
+    u = selected[..., 0, :, :]  # (..., m, 3)
+    w = selected[..., 1, :, :]
+    d = selected[..., 3, :, :] - selected[..., 2, :, :]
     if rows.only_translations:
         return u, d
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)

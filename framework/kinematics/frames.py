@@ -339,9 +339,10 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """
     if not mechanism.has_balls:
         return q - start
-    starts, ends = np.broadcast_arrays(start, q)
+    shape = np.broadcast_shapes(start.shape, q.shape)  # (..., nq)
+    starts, ends = np.broadcast_to(start, shape), np.broadcast_to(q, shape)
     differences = _apply_to_pairs(pin.difference, mechanism, starts, ends)
-    return differences.reshape(*starts.shape[:-1], mechanism.nv)
+    return differences.reshape(*shape[:-1], mechanism.nv)
 
 
 def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class LoopStructure(ReadOnlyArrays):
     span_sizes: Array  # (R,) divisors that bring them to unit size
     row_space: Array  # (nv, m) see `row_space_basis`, at the reference along the moving joints
 
-    @property
+    @cached_property
     def varies(self) -> bool:
         """Whether no m fixed rows suffice in all poses: then m combinations of R rows are solved."""
         return len(self.spanning) > len(self.independent)

@@ -93,9 +93,10 @@ class ModeStates(NamedTuple):
 
 
 def keeps_working_mode(robot: ParallelRobot, *stacks: LinearisedLoops) -> BoolArray:
-    """Return whether each of 1 + T successive configurations has the working mode of its predecessor, (T,).
+    """Return which of T successive steps keep the working mode, (T,).
 
-    They are in one or several stacks. A configuration whose loops have lost rank belongs to no mode.
+    The steps lead through 1 + T configurations, in one or several stacks. A configuration whose loops have
+    lost rank belongs to no mode.
     """
     chain = join([ModeStates.of(robot, stack) for stack in stacks])
     starts, followers = select(chain, slice(None, -1)), select(chain, slice(1, None))

@@ -151,11 +151,9 @@ class LoopRows(ReadOnlyArrays):
         """Return these rows and then the `other` ones."""
         if not other.names:
             return self
-        values: dict[str, Any] = {}
-        for field in fields(self):
-            mine, others = getattr(self, field.name), getattr(other, field.name)
-            values[field.name] = mine + others if isinstance(mine, tuple) else np.concatenate([mine, others])
-        return LoopRows(**values)
+        tables = [[getattr(rows, field.name) for field in fields(self)] for rows in (self, other)]
+        names, *columns = zip(*tables, strict=True)
+        return LoopRows(sum(names, ()), *map(np.concatenate, columns))
 
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the `rows` at indices (k,)."""

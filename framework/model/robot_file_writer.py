@@ -69,12 +69,12 @@ def write_robot_file(
 
 
 def _seal(text: str, urdf_text: str) -> str:
-    """Return the comment with the hash of a robot file's text, without the comment, and of its URDF's."""
+    """Return the comment with the hash of a robot file's other lines and its URDF."""
     return f"# Generated; hash {hashlib.sha256(f'{text}{urdf_text}'.encode()).hexdigest()[:16]}."
 
 
 def _check_unedited(file: Path) -> None:
-    """Refuse to overwrite a robot file, or the URDF of its name, unless both are as they were generated."""
+    """Refuse to overwrite a robot file or its URDF unless both are as generated."""
     urdf = file.with_suffix(".urdf")
     present = [path for path in (file, urdf) if os.path.lexists(path)]
     if not present:

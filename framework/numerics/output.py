@@ -210,7 +210,7 @@ def write_files(
 
 
 def _overwritable_target(file: Path, data: bytes, option: str, *, overwrite: bool) -> Path:
-    """Return where a file with new `data` is written; refuse files of another origin unless `overwrite`."""
+    """Return the path to write `data` to; refuse a file of another origin unless `overwrite`."""
     try:
         target = Path(os.path.realpath(file))  # a link stays; the file to which it points is replaced
     except ValueError as error:

@@ -157,7 +157,7 @@ class Feasibility:
         elif self.condition.delta:
             clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         else:
-            clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
+            clauses.append(f"no {forces} enter{s}, so a law that meets it may be stretched to any duration")
         if abs(curvature) > large_curvature:
             clauses.append(
                 f"s' changes e-fold over {1 / abs(curvature):.2g} of the path there: make it smoother "
@@ -248,7 +248,7 @@ class OptimalDurations(NamedTuple):
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
         if not self.shortest:  # 0: there are no limits
-            return "without limits laws of free shape have no shortest duration and no longest"
+            return "without limits a law of free shape can be as quick or as slow as you like"
         return (
             f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "
             f"the slowest"

@@ -202,7 +202,7 @@ class ModelOnMotion:
         """
         at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
 
-        def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
+        def choose_law(deflections: TimeFunction | None) -> CorrectedLaw:
             """Correct the law for the deflections, which rigid geometry ignores."""
             if deflections is None or geometry == "rigid":
                 deflections = at_rest

@@ -19,7 +19,7 @@ from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
-from framework.laws.law import NO_HIGH, Law, MotionLaw, conditions_at_instants, speed_ratios_and_peaks
+from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
@@ -84,7 +84,7 @@ def plan_polynomial(
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
-    def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> Law:
+    def choose_law(deflections: TimeFunction | None) -> Law:
         """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
         if deflections is None or request.geometry != "deformed":
             return undeformed
@@ -105,7 +105,7 @@ def plan_polynomial(
             raise
         try:
             balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            dynamics = resolve_with(lambda *_: balanced, known=deflections)
+            dynamics = resolve_with(lambda _: balanced, known=deflections)
         except SearchEnded:
             raise
         except NoAnswer as second:  # raise the failure that says more
@@ -293,9 +293,9 @@ def _solve_law(
 def undeformed_polynomial(
     to_cross: PathToCross, request: Request, *, searched: bool = True
 ) -> tuple[Law, tuple[CrossingTime, ...], Array]:
-    """Compute a law of the undeformed robot that advances; its torques are neither computed nor certified.
+    """Compute a law of the undeformed robot that always advances.
 
-    Open times and speeds are chosen.
+    Open times and speeds are chosen. Torques are neither computed nor certified.
 
     Args:
         searched: whether open ones are searched if none of the first ones will do.

@@ -11,6 +11,7 @@ On the path, springs at rest:
 
     NotAssembled: the loops do not close at the reference, or far from it
         kinematics.assembly.close_reference
+        kinematics.assembly_search.find_closed_pose
     OutOfReach: the path leaves the workspace
         kinematics.continuation.tracking.track_path
     Type1Singularity: a leg is stretched or folded on the path

@@ -323,7 +323,7 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
 def _find_conditions(
     to_cross: PathToCross, request: Request, dynamics: InverseDynamics
 ) -> list[Condition8 | None]:
-    """Compute condition (8) at each crossing of a motion, with its deflections.
+    """Compute condition (8) at each crossing of a deflected motion.
 
     It is None at crossings for which the request did not ask for the condition.
     """

@@ -192,11 +192,11 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
     No bound on the number of modes is known, and no homotopy paths are counted.
     """
-    found = solve_legs(robot, q, robot.following, None)
-    modes = _modes_of(robot, list(found.q), [has_one_solution_near(robot, pose) for pose in found.q])
+    solutions = solve_legs(robot, q, robot.following, None)
+    modes = _modes_of(robot, list(solutions.q), [has_one_solution_near(robot, pose) for pose in solutions.q])
     method = f"{RANDOM_STARTS} starts of Newton's method"
     status: Status = "at least"
-    if found.are_all and all(mode.proved for mode in modes):
+    if solutions.are_all and all(mode.proved for mode in modes):
         status = "proved"
         method += ", joints paved"
     return AssemblyModes(modes, status, bound=None, count=None, method=method)

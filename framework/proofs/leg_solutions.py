@@ -81,10 +81,10 @@ def solve_legs(
         depends = len(legs[k].needed) > 0
         tried = _set_joints(robot, configurations if depends else q[None], own, steps)
         others = pending if depends else np.setdiff1d(columns, own)
-        kept = _closed_and_distinct(robot, tried, legs[k].rows, others, x)
-        choice = kept % max(len(steps), 1)  # solution of this leg in each configuration
+        closed = _closed_and_distinct(robot, tried, legs[k].rows, others, x)
+        choice = closed % max(len(steps), 1)  # solution of this leg in each configuration
         counts[k] = len(np.unique(choice))
-        configurations = tried[kept] if depends else _set_joints(robot, configurations, own, steps[choice])
+        configurations = tried[closed] if depends else _set_joints(robot, configurations, own, steps[choice])
         truncated |= len(configurations) > MAX_COMBINATIONS
         configurations = configurations[:MAX_COMBINATIONS]
 
@@ -100,7 +100,7 @@ def solve_legs(
 
 
 def _set_joints(robot: ParallelRobot, configurations: Array, own: IntArray, steps: Array) -> Array:
-    """Return each of C configurations with the joints `own` moved by each of S `steps`, (C S, nq)."""
+    """Move the joints `own` of C configurations by each of S `steps`; return (C S, nq)."""
     repeated = np.repeat(configurations, len(steps), axis=0)
     return integrate_columns(robot, repeated, own, np.tile(steps, (len(configurations), 1)))
 
@@ -108,9 +108,9 @@ def _set_joints(robot: ParallelRobot, configurations: Array, own: IntArray, step
 def _closed_and_distinct(
     robot: ParallelRobot, q: Array, rows: IntArray, pending: IntArray, x: Array | None
 ) -> IntArray:
-    """Return the indices of q (T, nq) that close `rows`, flip no closure and show what no other shows.
+    """Return the indices of distinct q (T, nq) that close `rows` and flip no closure.
 
-    What the joints of the `pending` columns move does not count.
+    Distinct are `shown_places`. What the joints of the `pending` columns move does not count.
     """
     is_closed = _gaps(robot, q, x)[:, rows].max(axis=1, initial=0.0) < LOOP_GAP
     frames = frames_at(robot, q)

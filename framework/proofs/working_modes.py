@@ -75,13 +75,13 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
-    found = solve_legs(robot, robot.reference.q, robot.moving, x)
+    solutions = solve_legs(robot, robot.reference.q, robot.moving, x)
     return WorkingModes(
-        modes=tuple(_sorted_modes(robot, found.q, x)),
-        solutions=found.counts,
-        legs=tuple(leg.motors for leg in found.legs),
-        proved_legs=found.complete,
-        are_all=found.are_all,
+        modes=tuple(_sorted_modes(robot, solutions.q, x)),
+        solutions=solutions.counts,
+        legs=tuple(leg.motors for leg in solutions.legs),
+        proved_legs=solutions.complete,
+        are_all=solutions.are_all,
     )
 
 

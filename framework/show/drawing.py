@@ -273,7 +273,7 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     largest = np.linalg.norm(demands, axis=1).max()
     twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
     demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
-    label = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
+    label = r"$\mathbf{t}_s$" if film.instants else "nearest to uncontrolled"
     _draw_arrow(ax, foot, onto(twist), TWIST, label, both=True)
     _draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
     _draw_turn(film, ax, k, onto)

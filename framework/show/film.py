@@ -45,7 +45,8 @@ class Film:
 
     `W_p` is the wrench that the motion needs at the platform: W_p = (dq/dx)' r, with r the joint forces of
     the open tree. It counts inertia and weight of all bodies, less the wrenches of the world; with massless
-    legs it is the payload's alone. `t_s` is the least controlled twist, of unit size where |g| is least.
+    legs it is the payload's alone. `t_s` is the platform's twist in the uncontrolled motion, or in the motion
+    nearest to it, of unit size where |g| is least.
     On the locus, condition (8) is t_s . W_p = 0.
     """
 

@@ -39,14 +39,14 @@ SCRIPTS = (
 
 FILM_LEAD = (
     "The motors of a parallel robot move its <b>platform</b> together. At a <b>Type 2 singularity</b> "
-    "(purple) they cannot push it along one direction, t<sub>s</sub>, the <b>direction without hold</b>: "
+    "(purple) they cannot push it along one motion, t<sub>s</sub>, the <b>uncontrolled motion</b>: "
     "resisting a force there would take infinite torque. A motion can go through all the same, a "
     "<b>crossing</b>, if at that instant it asks for <b>no force along t<sub>s</sub></b>: "
     "t<sub>s</sub> · W<sub>p</sub> = 0."
 )
 HAND_LEAD = (
     "Move the platform (the part that the motors move together), or the motors, and watch how near the robot "
-    "is to a singularity, where the arrow t<sub>s</sub> is the direction without hold. The loops stay "
+    "is to a singularity, where the arrow t<sub>s</sub> is the uncontrolled motion. The loops stay "
     "closed; at the edge of the workspace the robot stops rather than jump to another way of being "
     "assembled. <b>The platform's sliders lead it across a Type 2 singularity; the motors' end on it.</b>"
 )

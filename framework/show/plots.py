@@ -231,7 +231,7 @@ def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence
     upper.fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
     accelerations = [curves.lowest_acceleration, curves.highest_acceleration]
     lower.fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
-    least = np.nanmin(curves.highest_speed)
+    least = np.nanmin(curves.highest_speed, initial=np.inf)  # NaN: not even at rest
     if tops[0] < least < np.inf:  # the limit is above the axes: say where
         text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
         box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}

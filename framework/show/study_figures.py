@@ -112,7 +112,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
             ax.plot(s, np.where(errors > ERROR_ROUNDING, errors, np.nan), label=label, **line_style(k))
     for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):
         ax.set(yscale="log", ylabel=label)
-        ax.axhline(study.tolerance, color=ALARM, linewidth=0.8)
+        ax.axhline(study.tolerance, color=ALARM, linewidth=0.8, label=f"tolerance {study.tolerance:.2g}")
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
     axes[-1].set_xlabel("path coordinate  $s$")
@@ -126,7 +126,7 @@ def plot_robustness(
     """Plot the share of runs below a tracking error, and below a peak torque.
 
     Each controller has one curve. Upright lines are the tolerance and the torque limits of the control loop;
-    limits far above all torques are left out.
+    limits far above all torques are told in the label of the axis.
     """
     axes = new_figure(2, height=1.9, shared=False) if axes is None else list(axes)
     for k, study in enumerate(studies):
@@ -141,8 +141,14 @@ def plot_robustness(
     errors.set(xscale="log", xlabel="largest tracking error  [robot lengths, rad]")
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label="tolerance")
     limits = np.unique(loop.limit or ())
-    for limit in limits[limits < 2.0 * torques.get_xlim()[1]]:
+    is_near = limits < 2.0 * torques.get_xlim()[1]
+    for limit in limits[is_near]:
         draw_dashed(torques, limit, ALARM, linewidth=0.8)
-    torques.set_xlabel("peak motor torque  [N m]  (dashed: limits)")
+    notes = ["dashed: limits"] if is_near.any() else []
+    far = [f"{limit:.3g}" for limit in limits[~is_near & np.isfinite(limits)]]
+    if far:
+        notes.append(f"limits beyond: {', '.join(far)}")
+    in_brackets = f"\n({'; '.join(notes)})" if notes else ""
+    torques.set_xlabel(f"peak motor torque  [N m]{in_brackets}")
     legend_above(errors)
     return errors

@@ -26,8 +26,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.curve_tracing import LocusEquations, chord_offsets
-from framework.singularity.traced_locus import LocusCurve, singularity_kind, trace_locus
-from framework.singularity.type2 import has_signed_measure
+from framework.singularity.traced_locus import LocusCurve, trace_locus
+from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
 
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
@@ -82,17 +82,18 @@ class MapLocus(ReadOnlyArrays):
         if self.why_not:
             return f"not traced: {self.why_not}"
         count = sum(curve.is_type2 for curve in self.curves)
-        noun = "curve" if self.unexplained.shape[1] == 2 else "point"
+        is_plane = self.unexplained.shape[1] == 2
+        noun, lies, found = ("curve", "passes", "traced") if is_plane else ("point", "lies", "located")
         curves = {0: f"no {noun}", 1: f"1 {noun}"}.get(count, f"{count} {noun}s")
         if count < len(self.curves):
             curves += f" of Type 2 and {len(self.curves) - count} of the loops or legs themselves"
         if self.sign_changes:
             missed = len(self.unexplained)
-            rest = f"at {missed} no {noun} lies" if missed else "all explained"
+            rest = f"at {missed} no {noun} {lies}" if missed else "all explained"
             signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
         else:
             signs = "g does not change its sign"
-        return f"{curves} {'traced' if noun == 'curve' else 'located'}; {signs}; completeness is not claimed"
+        return f"{curves} {found}; {signs}; completeness is not claimed"
 
 
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
@@ -150,7 +151,7 @@ def _locate_points(
     linearised = linearised_at(robot, q)
     is_singular = least_singular_values(type2_matrix(robot, linearised)) < RANK_LOST
     points = [
-        MapCurve(x[[k]], q[[k]], singularity_kind(robot, linearised.select(slice(k, k + 1))))
+        MapCurve(x[[k]], q[[k]], uncontrolled_motion(robot, linearised.select(int(k))).kind)
         for k in np.flatnonzero(is_singular)
     ]
     return MapLocus(tuple(points), len(first), x[~is_singular], "", time.perf_counter() - started)

@@ -75,7 +75,7 @@ class SingularPoint(ReadOnlyArrays):
         slope: float,
         resolution: float | None = None,
     ) -> SingularPoint:
-        """Return the point at s, its uncontrolled motion turned so that the twist points along the path."""
+        """Return the point at s, its twist turned along the path."""
         sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
         return SingularPoint(
             s=s,

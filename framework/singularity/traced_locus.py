@@ -25,7 +25,7 @@ import numpy as np
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, linearised_at
+from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
@@ -42,7 +42,7 @@ from framework.singularity.curve_tracing import (
     passes_point,
     trace_curve,
 )
-from framework.singularity.type2 import PRECEDENCE, uncontrolled_space
+from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
@@ -202,7 +202,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
-    kind = singularity_kind(robot, linearised.select(len(x) // 2))
+    kind = uncontrolled_motion(robot, linearised.select(len(x) // 2)).kind
     if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
     elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
@@ -219,12 +219,6 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
         cusps=_find_cusps(equations, points) if kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
-
-
-def singularity_kind(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the kind of the singularity of one pose (T = 1), the first of PRECEDENCE."""
-    kinds = uncontrolled_space(robot, linearised, at_least=1).kinds
-    return next((kind for kind in PRECEDENCE if kind in kinds), "type_2")
 
 
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:

@@ -33,7 +33,7 @@ def certified(task, law, deflections):
     """The certified motion of a law."""
     return resolve(
         task.to_cross.searched,
-        lambda *_: law,
+        lambda _: law,
         geometry="deformed",
         tolerance=1e-9,
         friction="none",

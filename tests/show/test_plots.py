@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib
 import matplotlib.image
@@ -11,11 +12,12 @@ import pytest
 import robots
 from framework import InvalidInput, Line, ParallelRobot, fidelity_study, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
+from framework.planning.optimal.limit_curves import limit_curves
 from framework.show import plots
 from framework.show.film import film_plan
 from framework.show.map import plot_locus
 from framework.show.plots import plot_eyes, plot_phase_plane
-from framework.show.study_figures import plot_fidelity
+from framework.show.study_figures import plot_fidelity, plot_robustness
 from framework.show.style import LOCUS, new_figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
@@ -272,7 +274,40 @@ def test_a_curve_for_each_rung_with_torques_of_its_own():
                 np.nan_to_num(y), np.nan_to_num(getattr(comparison, errors)), rtol=0, atol=1e-12
             )
         assert set(tolerance.get_ydata()) == {study.tolerance}
+        assert tolerance.get_label() == f"tolerance {study.tolerance:g}"
         assert set(crossing.get_xdata()) == {study.highest.crossings[0].s}
+
+
+@pytest.mark.parametrize(
+    ("limit", "drawn", "words"),
+    [
+        (None, [], ""),
+        ((0.25, 0.3), [0.25, 0.3], "(dashed: limits)"),
+        ((0.25, 5.0), [0.25], "(dashed: limits; limits beyond: 5)"),
+        ((5.0, np.inf), [], "(limits beyond: 5)"),
+    ],
+)
+def test_limits_of_a_robustness_figure_are_drawn_or_told(limit, drawn, words):
+    study = SimpleNamespace(
+        controller="lqr",
+        passed=np.array([True, True]),
+        probability=1.0,
+        tracking_error=np.array([1e-3, 2e-3]),
+        peak_torque=np.array([[0.1, 0.2], [0.3, 0.1]]),
+    )
+    loop = SimpleNamespace(tolerance=1e-2, limit=limit)
+    _, torques = plot_robustness([study], loop=loop).figure.axes
+    assert [line.get_xdata()[0] for line in torques.lines[1:]] == drawn
+    assert torques.get_xlabel() == f"peak motor torque  [N m]\n{words}".rstrip()
+
+
+def test_a_phase_plane_where_the_motors_cannot_even_hold_the_robot_gives_no_warning(
+    crossing_plan, monkeypatch
+):
+    curves = limit_curves(crossing_plan)
+    nowhere = curves._replace(highest_speed=np.full_like(curves.highest_speed, np.nan))
+    monkeypatch.setattr(plots, "limit_curves", lambda _: nowhere)
+    plot_phase_plane(crossing_plan)  # warnings are errors here
 
 
 # maps: the locus of the 5R is where its rods are in line, by the geometry of the robot alone

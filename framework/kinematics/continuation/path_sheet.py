@@ -151,10 +151,11 @@ def _is_one_branch(robot: ParallelRobot, pose: LinearisedLoops, panel: BranchPos
 
 
 def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, Array]:
-    """Judge the T steps between 1 + T successive poses, in one stack or in stacks of one pose each.
+    """Judge the T steps between 1 + T successive poses.
 
-    A step stays on its branch if its correction is small and its end is in the same working mode. If the
-    tangent turns much, the loops must also be far from losing rank at the end, where branches cross.
+    The poses are in one stack, or in stacks of one pose each. A step stays on its branch if its correction is
+    small and its end is in the same working mode. If the tangent turns much, the loops must also be far from
+    losing rank at the end, where branches cross.
 
     Returns:
         Whether each step stays on its branch (T,); the corrections (T,) [rad, lengths] of its prediction.

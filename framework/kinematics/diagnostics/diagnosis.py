@@ -159,7 +159,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
         closed, closing = assemble_mechanism(posed)
-    if not mechanism.description.reference and closed.q_near is not mechanism.q_near:
+    if not mechanism.description.reference and not np.array_equal(closed.q_near, mechanism.q_near):
         remarks.append(
             "no reference is given, and from zero the loops close beyond the joints' limits; a search within "
             "them has found the one that is printed: paste it into the file (or give it by --reference)"

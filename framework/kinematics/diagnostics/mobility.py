@@ -334,7 +334,9 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
         if positions_beyond_limits(assembled.limits, q[None]):
             with suppress(NotAssembled):  # no closed pose is found within the ranges
                 q, joint, distance = find_closed_pose(assembled)
-        remarks.append(f"reference: {joint} {distance} from the file's, closed; --reference chooses others")
+        moved_in = not np.array_equal(assembled.q_near, mechanism.q_near)
+        closed = "closed within the joints' limits" if moved_in else "closed"
+        remarks.append(f"reference: {joint} {distance} from the file's, {closed}; --reference chooses others")
     return replace(assembled, q_near=q), remarks
 
 

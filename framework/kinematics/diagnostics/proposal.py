@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from math import comb
@@ -19,7 +20,7 @@ from math import comb
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import FrameworkError, RobotFileError, SingularReference
+from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
 from framework.kinematics.diagnostics.mobility import (
     BESIDE_SINGULARITY,
     MAX_LISTED,
@@ -77,6 +78,8 @@ def propose(options: Options, partial: PartialRobot) -> PartialRobot:
     without_loops, carrying_loops = _split_serial_joints(partial, options)
     partial = _hold_joints(partial, without_loops, IN_NO_LOOP)
     if partial.platform is not None and options.motors is not None:
+        with suppress(RobotFileError, NotAssembled):  # of what is stated only the reference may be missing
+            return _complete_description(partial, by_joints=False)
         return partial.with_platform(partial.platform)
 
     may_hold_carriers = bool(carrying_loops) and options.is_silent

@@ -289,8 +289,8 @@ def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float])
         raise RobotFileError(
             f"--base: no joint moves that link {base!r} carries; give a link nearer to the root"
         )
-    held = [name for joint in outside for name in joint.coordinates if reference.get(name)]
-    if posture := [f"{name} {reference[name]:.4g}" for name in held]:
+    coordinates = [name for joint in outside for name in joint.coordinates if reference.get(name)]
+    if posture := [f"{name} {reference[name]:.4g}" for name in coordinates]:
         tree.remarks.append(f"held by --base, in the file's posture: {', '.join(posture)}")
     for joint in outside:
         tree.fix_at_reference(joint, reference)

@@ -82,7 +82,7 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
 
 
 def check_expansion(root: Element, folder: Path) -> None:
-    """Refuse a file that MuJoCo would expand to more than a robot needs, before it does.
+    """Refuse a file that MuJoCo would expand to more than a robot needs.
 
     Args:
         root: of the MJCF.

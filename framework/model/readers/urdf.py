@@ -266,8 +266,7 @@ def read_urdf(
     tree.add_two_joint_transmissions()
     is_closed = tree.closures or tree.couplings or options.closures
     if not is_closed and root.find("joint/mimic") is None:
-        # such as a linkage behind a transmission
-        unread = "".join(f"{remark.partition(': motors')[0]}; " for remark in tree.remarks)
+        unread = "".join(f"{linkage}; " for linkage in tree.unread_transmissions)
         raise RobotFileError(
             f"{unread}a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, "
             f"<loop_joint> of Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or "

@@ -145,9 +145,9 @@ def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
 
 
 def _read_reductions(parts: Iterable[Element], where: str) -> dict[str, float]:
-    """Return the reduction [motor / joint] that each part of a transmission states, else 1, by name.
+    """Return the reduction [motor / joint] of each part of a transmission, by name.
 
-    Parts are in the order of their roles. A part that states several reductions has their product.
+    Parts are in the order of their roles. The reduction is the product of those that the part states, else 1.
     """
     reductions: dict[str, float] = {}
     for part in sorted(parts, key=lambda part: part.get("role", "")):
@@ -287,6 +287,7 @@ class UrdfTree(Tree):
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
         self.two_joint_transmissions: list[TwoJointTransmission] = []
+        self.unread_transmissions: list[str] = []
         for transmission in root.iter("transmission"):
             self._read_transmission(transmission)
 
@@ -402,7 +403,7 @@ class UrdfTree(Tree):
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}, self.gears.get(joint, 1.0)))
 
     def _read_transmission(self, transmission: Element) -> None:
-        """Read the gear of a motor on one joint, or of two motors on two joints; remark on all others.
+        """Read the gears of one motor or of two; remark on other transmissions.
 
         The reduction stands at the actuator (ROS 1), at the joint (ros2_control), or beside both (older
         files). It is a product where several do.
@@ -423,10 +424,9 @@ class UrdfTree(Tree):
             gears = {motor: common * reduction for motor, reduction in motors.items()}
             self.two_joint_transmissions.append(TwoJointTransmission(name, kind, joints, gears))
         elif len(joints) > 1 or kind not in ("", "SimpleTransmission"):
-            self.remarks.append(
-                f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}: motors are taken "
-                f"to be at these joints, without gears"
-            )
+            unread = f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
+            self.unread_transmissions.append(unread)
+            self.remarks.append(f"{unread}: motors are taken to be at these joints, without gears")
         else:
             for joint, reduction in joints.items():
                 gear = common * reduction * math.prod(motors.values())
@@ -556,7 +556,7 @@ class UrdfTree(Tree):
         self._add_to_tree(elements)
 
     def _add_to_tree(self, elements: Iterable[Element]) -> None:
-        """Add links and joints that are in the XML to the tree, links before the joints that move them."""
+        """Add links and joints of the XML to the tree, links before their joints."""
         for element in elements:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))

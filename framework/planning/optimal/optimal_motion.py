@@ -493,7 +493,7 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
     """
     return resolve(
         task.to_cross.searched,
-        lambda *_: law,
+        lambda _: law,
         geometry=task.geometry,
         tolerance=task.request.tolerance,
         friction=task.request.friction,

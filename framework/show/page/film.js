@@ -102,7 +102,7 @@ class Film {
       key("var(--locus)", `singular locus${where}`);
     }
     else if (content.instants.length) key("var(--locus)", "singular place");
-    if (this.g) key("var(--twist)", "t<sub>s</sub>: direction without hold");
+    if (this.g) key("var(--twist)", "t<sub>s</sub>: uncontrolled motion");
     key("var(--wrench)", "W<sub>p</sub>: force asked for");
     const kinds = ["force", "moment"].filter((_, part) => content.world.some((wrench) => decoded(wrench[["linear", "angular"][part]]).some(Boolean)));
     if (kinds.length) key("var(--world)", `${kinds.join(" and ")} of the world, to the scale of W<sub>p</sub>`);

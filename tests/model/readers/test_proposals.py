@@ -235,3 +235,20 @@ def test_bars_that_are_drawn_closed_are_not_locked_by_the_rounding_of_their_axes
 def test_bars_whose_axes_are_not_parallel_are_locked(tmp_path):
     with pytest.raises(RobotFileError, match="the loops leave no freedom"):
         proposed(tmp_path, three_bars(0.0, 0.1))
+
+
+DRAWN_OPEN = """<mujoco><worldbody>
+  <body name="A"><joint name="a"/><geom size="0.01" mass="0.1"/>
+    <body name="B" pos="0.4 0 0"><joint name="b"/><geom size="0.01" pos="0.1 0 0" mass="0.2"/>
+      <site name="tip" pos="1 0 0"/></body></body>
+  <body name="C" pos="1 0 0"><joint name="c"/><geom size="0.01" pos="0.03 0 0" mass="0.3"/>
+    <site name="eye" pos="0.7 0 0"/></body>
+</worldbody><equality><connect site1="tip" site2="eye"/></equality></mujoco>"""
+
+
+def test_loops_that_the_file_leaves_open_are_closed_where_motors_and_platform_are_stated(tmp_path):
+    """Links of 1 (ground), 0.4, 1 and 0.7 m, all drawn along x."""
+    parsed = proposed(tmp_path, DRAWN_OPEN, platform_joints=["c"], motors=["a"])
+    assert any("loops are 0.3 m" in remark for remark in parsed.remarks)
+    a, b, c = (parsed.description.reference[name] for name in "abc")
+    assert abs(0.4 * np.exp(1j * a) + np.exp(1j * (a + b)) - 1.0 - 0.7 * np.exp(1j * c)) < 1e-8

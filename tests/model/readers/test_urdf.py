@@ -472,7 +472,10 @@ def test_a_reference_that_convert_moves_is_within_the_ranges_and_told(tmp_path):
     assert reference["jb"] - reference["ja"] == pytest.approx(0.2, abs=1e-9)
     assert -1e-9 <= reference["ja"] < 1e-3
     (told,) = [remark for remark in parsed.remarks if remark.startswith("reference: ")]
-    assert re.fullmatch(r"reference: jb 0\.2 rad from the file's, closed; --reference chooses others", told)
+    assert re.fullmatch(
+        r"reference: jb 0\.2 rad from the file's, closed within the joints' limits; --reference chooses others",
+        told,
+    )
     chosen = read(tmp_path, slide(0.2), motors=["ja"], reference={"ja": 0.3, "jb": 0.5})
     assert not [remark for remark in chosen.remarks if remark.startswith("reference: ")]
     assert chosen.description.reference == pytest.approx({"ja": 0.3, "jb": 0.5})
