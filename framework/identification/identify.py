@@ -77,8 +77,8 @@ class Identification(ReadOnlyArrays):
         values, deviations: (rank,) base parameters estimated from the data alone, and their standard
             deviations; those of parameters that these data do not show are their sizes. Parameters that were
             not asked for keep the file's values, with the deviation 0.
-        parameters: (p,) values of `base.parameters` that physically possible bodies can have. Base parameters
-            that are `undetermined` stay at the file's values; the prior about the file decides the rest.
+        parameters: (p,) values of `base.parameters` that physically possible bodies can have. Those that the
+            data do not determine stay at the file's values; the prior about the file decides the rest.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
         predictions: of the torques held out, the twin's first.
         noise: (n_a,) root mean square residual of the motor torques [N m, N].
@@ -106,7 +106,7 @@ class Identification(ReadOnlyArrays):
 
     @property
     def undetermined(self) -> Names:
-        """Names of base parameters whose standard deviation exceeds their size; they stay at the file's."""
+        """Names of base parameters whose standard deviation exceeds their size."""
         return self._base_names(_mask_undetermined(self.base, self.values, self.deviations))
 
     @property
@@ -286,7 +286,7 @@ def identify(
         values = base.values + change
         # where the data may be off by more than the parameter's size, the file is the better estimate
         spread = UNDETERMINED_SPREAD * np.minimum(deviations, sizes)
-        stays = _mask_undetermined(base, values, deviations)
+        stays = _choose_unchanged(base, fit, sizes)
         constant = by_links[stays] / spread[stays, None]
         root = fit.root @ by_links
         possible = fit_possible_parameters(robot, links, free, root, fit.right, prior, constant=constant)
@@ -317,6 +317,26 @@ def identify(
 def _mask_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
     """Return a mask (rank,) of base parameters whose deviations exceed estimates and the file's values."""
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
+
+
+def _choose_unchanged(base: BaseParameters, fit: Estimate, sizes: Array) -> BoolArray:
+    """Return a mask (rank,) of base parameters that stay at the file's values, by backward elimination.
+
+    The least determined one is left at the file's value, and the others are estimated again, until all are
+    determined. So of parameters that data show only together one remains free. A free parameter must reduce
+    the squared misfit by more than twice the noise's variance (Akaike 1974).
+    """
+    stays = np.zeros(base.rank, dtype=bool)
+    while not stays.all():
+        rest = np.flatnonzero(~stays)
+        change, deviations = fit._replace(root=fit.root[:, rest]).solve(sizes[rest])
+        size = np.maximum(np.abs(base.values[rest] + change), np.abs(base.values[rest]))
+        ratio = deviations / np.maximum(size, LEAST_DIVISOR)
+        worst = int(np.argmax(ratio))
+        if ratio[worst] <= np.sqrt(0.5):
+            break
+        stays[rest[worst]] = True
+    return stays
 
 
 def _mask_held_out(times: Array) -> BoolArray:

@@ -48,7 +48,7 @@ class Estimate(NamedTuple):
 
         Directions that the data do not determine remain zero, and may be off by the sizes.
         """
-        U, sigma, V_rows = np.linalg.svd(self.root * sizes)
+        U, sigma, V_rows = np.linalg.svd(self.root * sizes, full_matrices=False)
         is_seen = sigma > RANK_ROUNDING * sigma.max(initial=0.0)
         inverse = V_rows[is_seen].T / sigma[is_seen]  # (f, seen)
         values = sizes * (inverse @ (U.T @ self.right)[is_seen])

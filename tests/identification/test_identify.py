@@ -18,7 +18,7 @@ from framework.identification.base_parameters import (
 )
 from framework.identification.measured_motion import measured_motion
 from framework.identification.recording import HELD_OUT_EVERY
-from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record
+from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record, true_robot
 from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
@@ -57,11 +57,12 @@ def assert_predicted_to_the_noise(found: Identification, true: ParallelRobot, da
     """Torques held out are predicted as by the truth, but for what p parameters take of the noise.
 
     N equations of a motor with the noise s leave an expected squared error of p s^2 / N in predictions at
-    most. In M equations held out it meets their noise in a product of the deviation 2 s^2 sqrt(p / N M).
+    most, and parameters that stay at the file's values add as much. Chance doubles both at most. In M
+    equations held out an error of E s^2 meets their noise in a product of the deviation 2 s^2 sqrt(E / M).
     """
     noise = identify(true, data).error_before  # of the truth
     N = found.equations / found.robot.n_a
-    share = found.base.rank / N
+    share = 2.0 * found.base.rank / N
     most = 1.0 + 2.0 * share + 3.0 * 2.0 * np.sqrt(share / (N / (HELD_OUT_EVERY - 1)))
     assert (found.error_after < np.sqrt(most) * noise).all()
 
@@ -126,12 +127,16 @@ def test_what_a_short_recording_does_not_show_stays_as_in_the_file(duration):
     change = found.base.combinations.coefficients @ (found.parameters - found.base.described.values)
     unseen = [name in found.undetermined for name in found.base.names]
     assert any(unseen)
-    assert np.abs(change / found.deviations)[unseen].max() < 1e-2
+    off = np.abs(change / found.deviations)[unseen]
+    # an undetermined estimate is within its deviation of the file's; of parameters that only their sum shows
+    # one is free, the others stay
+    assert off.max() < 1.0
+    assert np.mean(off < 1e-2) > 0.5
     assert np.linalg.norm(found.error_after) < np.linalg.norm(found.error_before)
     back = found.identified_robot()
     for name, damping in zip(back.actuator_names, back.joint_damping[back.actuated], strict=True):
         if f"{name}.damping" in found.undetermined:
-            assert damping == pytest.approx(0.0, abs=1e-5)
+            assert damping < found.deviations[found.base.names.index(f"{name}.damping")]
     for body in torque_parameters(back).values[: -3 * back.n_a].reshape(-1, 10):
         moments = np.linalg.eigvalsh(pseudo_inertia(body))
         assert moments.min() > -1e-13 * moments.max()
@@ -259,6 +264,18 @@ def test_a_mistaken_column_is_named_with_the_option_that_declares_it(change, opt
     assert main(["identify", "five_bar_heavy", str(file)]) == 2
     assert option in capsys.readouterr().err
     assert main(["identify", "five_bar_heavy", str(file), *option.split()]) == 0
+
+
+@pytest.mark.parametrize("name", ["slider_crank", "four_bar"])
+def test_what_one_stroke_shows_of_sums_is_not_lost(name):
+    """No parameter of a four-bar is determined alone, but their sums predict the torques to the noise."""
+    nominal = robots.load(name)
+    true, _ = true_robot(nominal)
+    data = record(true, exact_motors(true, "stroke"), 0)
+    found = identify(nominal, data)
+    assert len(found.undetermined) >= found.base.rank / 2
+    assert found.error_before.min() > 0.5
+    assert_predicted_to_the_noise(found, true, data)
 
 
 def test_unequal_time_steps_are_taken_as_they_are():
