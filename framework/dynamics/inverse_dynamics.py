@@ -27,10 +27,10 @@ from framework.dynamics.elasticity import (
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
     MissingForces,
-    between_nodes,
     check_idle_joints,
     find_missing_forces,
     measure_residuals,
+    node_midpoints,
     unresolved_error,
     unseen_near_miss,
     unsettled_error,
@@ -351,7 +351,7 @@ class _Refinement:
         branch = self.searched.branch
         # with rigid geometry the torques' series are checked at the same instants
         is_rigid = self.geometry == "rigid"
-        others = between_nodes(grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
+        others = node_midpoints(grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
         at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
         if self.crossed and not self.crossings_at_rest:
             assert at_rest.checkpoints is not None

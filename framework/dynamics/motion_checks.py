@@ -169,7 +169,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
 
 
-def between_nodes(grid: TimeGrid) -> Array:
+def node_midpoints(grid: TimeGrid) -> Array:
     """Return the instants (T,) [s] half-way between the nodes of each panel."""
     middles = 0.5 * (grid.times[1:] + grid.times[:-1])
     return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
@@ -217,7 +217,7 @@ def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics)
     if result.geometry == "rigid" and solution.checkpoints is not None and not needs_nodes:
         times, motion, r = solution.checkpoints
     else:
-        times = between_nodes(solution.grid)
+        times = node_midpoints(solution.grid)
         times = np.concatenate([times, solution.grid.times]) if needs_nodes else times
         motion = evaluate_motion(branch, result, times)
         r = tree_forces(robot, motion)

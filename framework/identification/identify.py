@@ -265,7 +265,7 @@ def identify(
     rows = torque_rows(robot, measured, base)
     if held_out is None:
         is_test = _mask_held_out(measured.times)
-        test, rows = rows.at(is_test), rows.at(~is_test)
+        test, rows = rows.restrict(is_test), rows.restrict(~is_test)
     else:
         other = measured_motion(
             robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses

@@ -38,7 +38,7 @@ class TorqueRows(NamedTuple):
     valid: BoolArray  # (T, n_a)
     independent: float  # share n / n_a of the equations that are independent
 
-    def at(self, instants: BoolArray) -> TorqueRows:
+    def restrict(self, instants: BoolArray) -> TorqueRows:
         """Return the equations with only those of the instants in a mask (T,) valid."""
         return self._replace(valid=self.valid & instants[:, None])
 

@@ -291,7 +291,7 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
         return reduced, close_reference(reduced)
     if not mechanism.description.reference and positions_beyond_limits(mechanism.limits, closing.q[None]):
         with suppress(NotAssembled):
-            mechanism = mechanism.near(find_closed_pose(mechanism).q)
+            mechanism = mechanism.with_nearby_pose(find_closed_pose(mechanism).q)
             closing = close_reference(mechanism)
     # for these decisions rows are scaled by the mechanism's size at the closed pose, because its `length` is
     # the size at the file's reference, which may be far off

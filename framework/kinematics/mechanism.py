@@ -231,7 +231,7 @@ class Mechanism(ReadOnlyArrays):
         values = self.coordinates.positions(q[None])[0]
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
-    def near(self, q: Array) -> Self:
+    def with_nearby_pose(self, q: Array) -> Self:
         """Return the mechanism with the pose q (nq,) in the place of its file's reference."""
         return replace(self, q_near=q, length=reference_length(self.model, q, self.frames))
 

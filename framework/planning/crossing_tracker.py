@@ -41,7 +41,7 @@ class TrackedPoints(NamedTuple):
     border: Border | None = None  # of g; None before the first deflections
 
     @staticmethod
-    def at_rest(branch: Branch, points: Sequence[SingularPoint]) -> TrackedPoints:
+    def from_undeformed(branch: Branch, points: Sequence[SingularPoint]) -> TrackedPoints:
         """Return the singular points of the undeformed robot as they were found."""
         s = np.array([point.s for point in points])
         pose = linearised_at(branch.robot, np.array([point.q for point in points]), branch.path(s))
@@ -141,7 +141,7 @@ class CrossingTracker:
             return []
         at_crossings = Deflection.evaluate(deflections, self.times)
         if not points[0].is_imposed:
-            start = self.tracked or TrackedPoints.at_rest(branch, points)
+            start = self.tracked or TrackedPoints.from_undeformed(branch, points)
             self.tracked = track_points(branch, start, at_crossings.value)
             points = describe_points(branch, self.tracked)
         each = [Deflection(*values) for values in zip(*at_crossings, strict=True)]

@@ -339,7 +339,7 @@ class ModelOnMotion:
         if singular is None or singular.corank > 1:
             raise NotConverged("the model has no simple singular point at the crossing")
         deflection = Deflection.evaluate(deflections, crossing.time)
-        at_rest = TrackedPoints.at_rest(branch, [singular])
+        at_rest = TrackedPoints.from_undeformed(branch, [singular])
         tracked = track_points(branch, at_rest, deflection.value[None])
         (point,) = describe_points(branch, tracked)
         condition = condition_at(branch, point, deflection)

@@ -44,7 +44,7 @@ class MeasuredMatrix:
     panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
 
     @staticmethod
-    def along(branch: Branch, matrix: Callable[[LinearisedLoops], Array]) -> MeasuredMatrix:
+    def from_branch(branch: Branch, matrix: Callable[[LinearisedLoops], Array]) -> MeasuredMatrix:
         """Return a matrix along a branch, whose panels are closed; a continuation replaces their poses."""
         panels = () if branch.continuations else branch.panels
         closed = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in panels}

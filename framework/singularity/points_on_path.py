@@ -195,7 +195,7 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = MeasuredMatrix.along(branch, partial(type1_matrix, branch.robot))
+        type1 = MeasuredMatrix.from_branch(branch, partial(type1_matrix, branch.robot))
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)
