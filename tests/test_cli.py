@@ -184,14 +184,22 @@ def test_locate_tells_what_lies_before_a_path_ends(crossing):
 
 def test_locate_without_a_path_gives_a_line_that_crosses_at_the_nearest_singular_pose(crossing, document):
     text = crossing("locate", "five_bar")[1]
-    (line,) = re.findall(r"to cross there +(--from .*)$", text, re.MULTILINE)
-    (at, *_) = document("locate", "five_bar", *line.split())["singularities"]
+    (line,) = re.findall(r"to cross there +crossing (.*)$", text, re.MULTILINE)
+    (at, *_) = document(*line.split())["singularities"]
     assert abs(rods_in_line(at["platform"])) < 1e-9
     distance = document("locate", "five_bar")["nearest_singular_pose"]["distance"]
     code, _, err = crossing("locate", "five_bar", "--torque-limit", "1")
     assert code == 2
     assert "--torque-limit: of a path" in err
     assert np.linalg.norm(np.array(at["platform"]) - [0.1, 0.345]) == pytest.approx(distance, rel=1e-6)
+
+
+def test_locate_without_a_path_says_how_to_look_farther_where_it_finds_no_singular_pose(crossing):
+    """The dead centre of the slider-crank is 1.1253 rad from its reference."""
+    text = crossing("locate", "slider_crank")[1]
+    assert "no singular pose in the ball searched" in text
+    (line,) = re.findall(r"to look farther +crossing (.*)$", text, re.MULTILINE)
+    assert crossing(*line.split()[:-1], "1.2")[0] == 0
 
 
 def test_locate_finds_none_where_there_is_none(crossing, document):

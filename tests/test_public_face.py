@@ -42,6 +42,7 @@ from framework.model import readers
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
 from framework.planning.saved import plan_document
+from framework.proofs.working_modes import working_modes
 from framework.singularity.points_on_path import search_path
 
 ERRORS = {
@@ -289,3 +290,9 @@ def test_what_is_no_option_of_a_simulation_is_refused_by_its_name(option: dict[s
 def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], Any]) -> None:
     with pytest.raises(InvalidInput, match="number"):
         call()
+
+
+def test_what_goes_with_the_next_version_warns_and_answers_as_before():
+    modes = working_modes(ROBOT, [0.1, 0.345])
+    with pytest.warns(DeprecationWarning, match="are_all"):
+        assert not modes.truncated

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from argparse import Namespace
 from contextlib import suppress
 
@@ -52,7 +53,7 @@ def run_locate(options: Namespace) -> Report:
             "of a path, and without one the nearest singular pose is sought; leave it out, or give --scene"
         )
         arguments.refuse_options(options, PATH_OPTIONS, reason)
-        return _report_nearest(robot)
+        return _report_nearest(robot, shlex.quote(options.robot))
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
     # a request needs a duration, on which singular points do not depend
@@ -109,22 +110,28 @@ def _report_beginning(
     return {"robot": robot.name, "flexibility": robot.flexibility, "singularities": entries}, lines
 
 
-def _report_nearest(robot: ParallelRobot) -> Report:
-    """Report the singular pose nearest to the reference, and a line that crosses there."""
+def _report_nearest(robot: ParallelRobot, word: str) -> Report:
+    """Report the singular pose nearest to the reference, and a line on which this command finds a crossing.
+
+    Args:
+        word: the robot as it is named on the command line, quoted for the shell.
+    """
     nearest = nearest_singular_pose(robot, robot.reference.q)
     document = select_fields(nearest, "status", "distance", "at_least", "leg_end", "unit", "within", "twist")
     document = {"robot": robot.name, "flexibility": robot.flexibility, "nearest_singular_pose": document}
-    lines = [f"{robot.name}: the singular pose nearest to the reference: {nearest.status}"]
+    start = robot.reference.x.round(9) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
+    lines = [f"{robot.name}: from the reference to the nearest singular pose: {nearest.status}"]
     if nearest.x is None or nearest.twist is None:
+        place, farther = " ".join(map(repr, start.tolist())), repr(2.0 * nearest.within)
+        lines.append(f"  to look farther   crossing map {word} --nearest {place} --within {farther}")
         return document, lines
     lines.append(f"  at {robot.place(nearest.x)}; t_s = {twist_text(robot, nearest.twist)}")
-    start = robot.reference.x.round(9) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
     for length in BEYOND:
         end = (start + length * (nearest.x - start)).round(9) + 0.0
         with suppress(NoAnswer):
             if search_path(robot, Line(start, end)).points:
                 ends = (" ".join(map(repr, x.tolist())) for x in (start, end))
-                lines.append("  to cross there    --from {} --to {}".format(*ends))
+                lines.append("  to cross there    crossing locate {} --from {} --to {}".format(word, *ends))
                 document["line"] = {"from": start, "to": end}
                 break
     return document, lines

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+from warnings import warn
 
 import numpy as np
 
@@ -108,6 +109,12 @@ class Identification(ReadOnlyArrays):
     def undetermined(self) -> Names:
         """Names of base parameters whose standard deviation exceeds their size."""
         return self._base_names(_mask_undetermined(self.base, self.values, self.deviations))
+
+    @property
+    def keeps_file(self) -> bool:
+        """Deprecated: whether the file's parameters stay. A twin that is not better raises NotIdentified."""
+        warn("Identification.keeps_file goes in 0.9: see NotIdentified", DeprecationWarning, stacklevel=2)
+        return bool((self.link_values == self.links.values).all())
 
     @property
     def changed(self) -> Names:

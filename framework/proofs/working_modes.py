@@ -7,6 +7,8 @@ that they have no other solutions, all working modes are known.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
+from warnings import warn
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.homotopy import Status
-from framework.proofs.leg_solutions import solve_legs
+from framework.proofs.leg_solutions import MAX_COMBINATIONS, solve_legs
 from framework.proofs.passive_joints import has_one_solution_near, shortest_offset
 
 
@@ -43,6 +45,12 @@ class WorkingModes:
     legs: tuple[tuple[str, ...], ...]  # the motors of each leg
     proved_legs: tuple[bool, ...]  # whether each leg has no other solutions beside the legs it depends on
     are_all: bool  # whether there are provably no other configurations
+
+    @property
+    def truncated(self) -> bool:
+        """Deprecated: whether there are more combinations of solutions than are tested; see `are_all`."""
+        warn("WorkingModes.truncated goes in 0.9: see are_all", DeprecationWarning, stacklevel=2)
+        return prod(self.solutions) > MAX_COMBINATIONS
 
     @property
     def status(self) -> Status:
