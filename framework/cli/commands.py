@@ -143,8 +143,8 @@ COMMANDS = {
     "calibrate": Command(
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
         (
-            "crossing calibrate five_bar run/sensors.csv",
-            "crossing calibrate five_bar run/sensors.csv --out calibrated",
+            "crossing calibrate five_bar_heavy run/sensors.csv",
+            "crossing calibrate five_bar_heavy run/sensors.csv --out calibrated",
         ),
         "identification",
         "What the data cannot see is named, with a measurement that would show it, and stays as in the file.",
@@ -154,8 +154,8 @@ COMMANDS = {
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
         "deviations",
         (
-            "crossing identify five_bar run/sensors.csv",
-            "crossing identify calibrated/five_bar.yaml run/sensors.csv --out twin",
+            "crossing identify five_bar_heavy run/sensors.csv",
+            "crossing identify calibrated/five_bar_heavy.yaml run/sensors.csv --out twin",
         ),
         "identification",
         "A twin is written only if it predicts torques that were held out better than no torque, the file, "

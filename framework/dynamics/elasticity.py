@@ -28,7 +28,7 @@ from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate, integrate_columns
-from framework.kinematics.inverse_kinematics import SERIES_ROUNDING, close_loops
+from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, law_derivatives
@@ -288,7 +288,7 @@ def motion_with_deflections(
         platform_step = -robot.platform.residual(linearised.frames, x)
         step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
         guess = integrate(robot, neighbour.motion.q, step)
-    closed = close_loops(robot, x, guess, rounding=SERIES_ROUNDING)
+    closed = close_loops(robot, x, guess)
     # the motion, under the external wrenches at these s
     return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s_and_rates[0])
 

@@ -14,7 +14,7 @@ from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import check_order, real_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import SERIES_ROUNDING, close_loops
+from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, law_derivatives
@@ -159,7 +159,7 @@ class InverseDynamics(ReadOnlyArrays):
         times = np.atleast_1d(real_numbers("t", t))
         s_and_rates = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
         x, dx, ddx = time_derivatives(self.path, s_and_rates)
-        closed = close_loops(self.robot, x, self.configuration(times), rounding=SERIES_ROUNDING)
+        closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, order=1), self.deflection(times, order=2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
         frames = closed.linearised.frames

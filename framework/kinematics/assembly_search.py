@@ -69,16 +69,21 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
         NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
             residual.
     """
+    try:
+        return _search_pose(mechanism, near_platform)
+    except NotAssembled as failure:
+        return _find_with_fewer_limits(mechanism, near_platform, failure)
+
+
+def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPose:
+    """Find a pose like `find_closed_pose`, by one search in each group of loops."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     groups = _group_loops(mechanism, lower, upper)
     if near_platform is not None:
         groups = [_whole_group(mechanism, lower, upper, near_platform)]
-    try:
-        for group in groups:
-            u[group.columns] = _find_nearest_offsets(group)
-    except NotAssembled as failure:
-        raise _with_contradicting_limits(mechanism, failure) from None
+    for group in groups:
+        u[group.columns] = _find_nearest_offsets(group)
     step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
@@ -319,27 +324,39 @@ def _find_nearest_offsets(
     return min(poses, key=lambda u: float(np.linalg.norm(np.concatenate([group.miss(u), group.weights * u]))))
 
 
-def _with_contradicting_limits(mechanism: Mechanism, failure: NotAssembled) -> NotAssembled:
-    """Return the failure; if the loops close beyond the joints' limits, with these limits."""
+def _find_with_fewer_limits(
+    mechanism: Mechanism, near_platform: Array | None, failure: NotAssembled
+) -> ClosedPose:
+    """Search again without the limits of one joint; a pose found may keep them all.
+
+    Raises:
+        NotAssembled: the failure; if the loops close beyond the joints' limits, with these limits.
+    """
     if not mechanism.limits:
-        return failure
-    with suppress(NotAssembled):
-        pose = find_closed_pose(replace(mechanism, limits=()))
-        beyond = positions_beyond_limits(mechanism.limits, pose.q[None])
-        alone = []  # joints of which one beyond its limits is enough
-        for joint in beyond:
-            limits = tuple(limit for limit in mechanism.limits if limit.joint != joint)
-            with suppress(NotAssembled):
-                q = find_closed_pose(replace(mechanism, limits=limits)).q
-                alone.append(f"{joint} {positions_beyond_limits(mechanism.limits, q[None])[joint]}")
-        listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
-        return NotAssembled(
-            f"{mechanism.name}: the loops close only beyond the joints' limits, with {listed}: the limits "
-            f"contradict the loops; change them, or the zero of the joint",
-            q=pose.q,
-            residual=failure.residual,
-        )
-    return failure
+        raise failure
+    try:
+        pose = _search_pose(replace(mechanism, limits=()), near_platform)
+    except NotAssembled:
+        raise failure from None
+    beyond = positions_beyond_limits(mechanism.limits, pose.q[None])
+    alone = []  # joints of which one beyond its limits is enough
+    for joint in beyond:
+        limits = tuple(limit for limit in mechanism.limits if limit.joint != joint)
+        with suppress(NotAssembled):
+            other = _search_pose(replace(mechanism, limits=limits), near_platform)
+            exceeded = positions_beyond_limits(mechanism.limits, other.q[None])
+            if not exceeded:
+                return other
+            alone.append(" and ".join(f"{name} {words}" for name, words in exceeded.items()))
+    if not beyond:
+        return pose
+    listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
+    raise NotAssembled(
+        f"{mechanism.name}: the loops close only beyond the joints' limits, with {listed}: the limits "
+        f"contradict the loops; change them, or the zero of the joint",
+        q=pose.q,
+        residual=failure.residual,
+    )
 
 
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:

@@ -46,8 +46,9 @@ from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray, read_only
 from framework.tolerances import NEWTON_STEP
 
-ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
-SERIES_ROUNDING = 3e-14  # the same from values of resolved series, sums of dozens of terms near 2 pi
+# Smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart. Larger ones are taken
+# wherever the guess comes from: near a singular point the torques' error is theirs over the distance to it.
+ROUNDING_STEP = 2e-15
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -80,17 +81,15 @@ def require_mobility(robot: ParallelRobot) -> None:
         )
 
 
-def close_loops(
-    robot: ParallelRobot, x: Array, guess: Array, *, rounding: float = ROUNDING_STEP
-) -> ClosedStack:
+def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from `guess` (T, nq) near the solution.
 
-    The elastic coordinates keep their values of the guess. Newton steps below `rounding` are not taken.
+    The elastic coordinates keep their values of the guess.
 
     Raises:
         NotAssembled: an instant does not close; carries its last iterate and residual.
     """
-    q, linearised, closed = close_each(robot, x, guess, rounding=rounding)
+    q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
     gaps = np.abs(linearised.residual).max(axis=1)  # (T,)
@@ -120,7 +119,6 @@ def close_each(
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
     enough: float = NEWTON_STEP,
-    rounding: float = ROUNDING_STEP,
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
@@ -134,7 +132,6 @@ def close_each(
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
         enough: a step below it is the last one [rad, lengths of the robot].
-        rounding: a step below it is not taken [rad, lengths of the robot].
     """
     columns = robot.following if x is None else robot.moving  # of the joints that move
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
@@ -159,7 +156,7 @@ def close_each(
         step_size = np.abs(steps).max(axis=1, initial=0.0)
         is_near = step_size <= farthest
         live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
-        if step_size.max(initial=0.0) < rounding:
+        if step_size.max(initial=0.0) < ROUNDING_STEP:
             break
 
         # scale long steps down, then take all of them

@@ -19,7 +19,7 @@ from framework.errors import NotAssembled
 from framework.kinematics.continuation.path_sheet import SHEET_NODES, BranchPoses
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, difference_rates, integrate, largest_motion
-from framework.kinematics.inverse_kinematics import SERIES_ROUNDING, close_loops
+from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -137,7 +137,7 @@ class Branch(ReadOnlyArrays):
         x, guess = self.path(s), self.guess(s)
         in_core = self.is_continued(s)
         if not in_core.any():
-            return close_loops(self.robot, x, guess, rounding=SERIES_ROUNDING)
+            return close_loops(self.robot, x, guess)
         q = guess.copy()
         if not in_core.all():
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
