@@ -56,9 +56,10 @@ def track_points(
     *,
     max_iterations: int = 12,
     longest_step: float = 0.1,  # in s
-    # in s: after a secant step below it, the next one is rounding
-    last_step: float = 1e-10,
+    last_step: float = 1e-10,  # in s: shorter steps that no longer shrink are rounding
+    closed: float = 1e-16,  # gap of the loops that is rounding
     least_secant: float = 1e-9,  # in s: differences of g over shorter steps are rounding
+    secant_to_gap: float = 1e3,  # step in s over the last gap: over shorter ones g differs as the loops close
     rounding: float = 2e-15,  # in s
 ) -> TrackedPoints:
     """Find the singular points of the robot with deflections (k, n_e), from those with others.
@@ -69,12 +70,16 @@ def track_points(
     robot = branch.robot
     s, pose, _, slopes, border = start
     spring_step = deflections - start.deflections
-    step = g = np.full(len(s), np.nan)
+    step = g = gap = np.full(len(s), np.nan)
+    last_size = np.inf  # of the last step with closed loops
     for _ in range(max_iterations):
         # a Newton step of platform and loops, from the last pose to x(s) and the new deflections
         x = branch.path(s)
         residual = pose.residual.copy()
         residual[:, : robot.n] = robot.platform.residual(pose.frames, x)
+        last_gap = gap
+        # (k,) [m, rad] about what the Newton step leaves of the gap: the square of what it closes
+        gap = np.abs(np.concatenate([residual, spring_step], axis=1)).max(axis=1) ** 2
         q = integrate(robot, pose.frames.q, solve_rates(robot, pose, -residual, spring_step))
         pose = linearised_at(robot, q, x)
         spring_step = np.zeros_like(spring_step)
@@ -82,17 +87,19 @@ def track_points(
         # a secant step of g; with the border of a pose beside the root it has the sign of det P
         P = type2_matrix(robot, pose)
         border = border or Border.of(P)
-        last_g, last_size = g, np.abs(step).max(initial=0.0)
+        last_g = g
         g = solve_bordered(P, border).g
-        is_secant = np.abs(step) > least_secant
+        is_secant = np.abs(step) > np.maximum(least_secant, secant_to_gap * last_gap)
         slopes = np.where(is_secant, (g - last_g) / np.where(is_secant, step, 1.0), slopes)
         step = -g / np.where(slopes == 0.0, np.nan, slopes)
         size = np.abs(step).max(initial=0.0)
         if not size < longest_step:
             break
         s = s + step
-        if (size < last_step and last_size < last_step) or size < rounding:
-            return TrackedPoints(s, pose, deflections, slopes, border)
+        if gap.max() < closed:  # g of open loops says nothing, however small
+            if size < rounding or 0.5 * last_size < size < last_step:
+                return TrackedPoints(s, pose, deflections, slopes, border)
+            last_size = size
     worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {worst:.6g}; the deflections are "

@@ -66,18 +66,24 @@ class BorderedSolution(NamedTuple):
         return determinant(self.G)
 
 
+def append_border(matrices: Array, border: Border) -> Array:
+    """Return the bordered matrices [M b; c' 0] (T, n + size, n + size) of M (T, n, n)."""
+    n, size = border.b.shape[-2:]
+    bordered = np.zeros((len(matrices), n + size, n + size))
+    bordered[:, :n, :n] = matrices
+    bordered[:, :n, n:] = border.b
+    bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
+    return bordered
+
+
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M (T, n, n).
 
     The border is common to all matrices (b, c (n, size)), or each has its own (b, c (T, n, size)).
     """
-    count, n, _ = matrices.shape
-    size = border.b.shape[-1]
-    bordered = np.zeros((count, n + size, n + size))
-    bordered[:, :n, :n] = matrices
-    bordered[:, :n, n:] = border.b
-    bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
-    unit = np.zeros((count, n + size, size))
+    n, size = border.b.shape[-2:]
+    bordered = append_border(matrices, border)
+    unit = np.zeros((len(matrices), n + size, size))
     unit[:, n:] = np.eye(size)
     # The system is singular if M has more null vectors than the border has columns. Least squares still
     # returns a solution then, and its G is singular.

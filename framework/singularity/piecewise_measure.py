@@ -26,7 +26,13 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, derivative_matrix, extrema, real_roots, tail
 from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.bordered_system import Border, bordered_solution, determinant, solve_bordered
+from framework.singularity.bordered_system import (
+    Border,
+    append_border,
+    bordered_solution,
+    determinant,
+    solve_bordered,
+)
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
@@ -199,8 +205,8 @@ def find_candidates(
 def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel | None:
     """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series.
 
-    Borders are tried from one column up to the number of small singular values. None if no border suffices,
-    or if the loops do not close on the panel.
+    Borders are tried from one column up to the number of small singular values, and further while a border
+    hides a root. None if no border suffices, or if the loops do not close on the panel.
 
     Raises:
         SingularPath: the matrix is singular all along the panel.
@@ -210,7 +216,9 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
     except NotAssembled:
         return None
     middle = SHEET_NODES // 2  # this node's border is used on the whole panel
-    for size in range(1, measured.border_width(matrices[middle]) + 1):
+    size, widest = 0, measured.border_width(matrices[middle])
+    while size < widest:
+        size += 1
         border = Border.of(matrices[middle], size)
         solution = solve_bordered(matrices, border)
         g = solution.g
@@ -224,8 +232,26 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         series = coefficients(g[:, None])
         # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved
         if tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
-            return Panel(start, end, series[:, 0], matrices, border)
+            if not _hides_root(matrices, border):
+                return Panel(start, end, series[:, 0], matrices, border)
+            widest = max(widest, size + 1)
     return None
+
+
+def _hides_root(matrices: Array, border: Border) -> bool:
+    """Return whether a root of det M on a panel may be missing from g.
+
+    det G is det M over the determinant of the bordered matrix. Where both vanish close together, as where M
+    falls into blocks, g passes smoothly: between the nodes, or altogether.
+
+    Args:
+        matrices: M (SHEET_NODES, n, n) at the nodes of the panel.
+    """
+    signs, logarithms = np.linalg.slogdet(append_border(matrices, border))  # (SHEET_NODES,) each
+    if not signs.all():
+        return True
+    determinants = signs * np.exp(logarithms - logarithms.max())  # over the largest
+    return len(real_roots(coefficients(determinants[:, None])[:, 0])) > 0
 
 
 def count_small_values(matrix: Array, level: float) -> int:

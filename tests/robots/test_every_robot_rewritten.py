@@ -10,6 +10,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
+from framework.kinematics.parallel_robot import Equations
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import FEWEST_AND_MOST, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
@@ -75,12 +76,14 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
         factor = 1e3 if change.endswith("x 1000") else 1e-3
         weight = np.where(original.rows.rotation, factor, 1.0) * original.rows.weight
         rows = replace(original.rows, weight=weight)
-        loops = rows.take(original.structure.independent)
-        sizes = original.structure.row_sizes * np.where(loops.rotation, factor, 1.0)
-        equations = replace(original.equations, loops=loops)
-        other = replace(
-            original, rows=rows, equations=equations, structure=replace(original.structure, row_sizes=sizes)
-        )
+        structure, weighted = original.structure, replace(original, rows=rows)
+        spanning = rows.append(original.rounded).take(structure.spanning)
+        span_sizes = structure.span_sizes * spanning.weight / original.spanning_loops.weight
+        # combinations of rows have no size of their own
+        row_sizes = structure.row_sizes if structure.varies else span_sizes
+        structure = replace(structure, row_sizes=row_sizes, span_sizes=span_sizes)
+        equations = Equations.of(weighted, weighted.platform, structure, weighted.moving, weighted.n_a)
+        other = replace(weighted, structure=structure, equations=equations)
     else:
         other = replace(original, length=(1e3 if change.endswith("x 1000") else 1e-3) * original.length)
     assert len(other.loops.names) == len(original.loops.names)

@@ -16,16 +16,16 @@ from framework.singularity.rank_deficiency import find_contacts, find_near_misse
 SIZE = 6
 
 
-def rotation(rng):
+def rotation(rng, turning):
     """Of SIZE dimensions, turning with s: (T,) -> (T, SIZE, SIZE)."""
     skew = rng.normal(size=(SIZE, SIZE))
-    return lambda s: np.array([expm(0.4 * value * (skew - skew.T)) for value in s])
+    return lambda s: np.array([expm(turning * value * (skew - skew.T)) for value in s])
 
 
-def measured(*entries, power=1):
+def measured(*entries, power=1, turning=0.4):
     """The matrix with these functions of s, and ones, as singular values with a sign."""
     rng = np.random.default_rng(5)
-    left, right = rotation(rng), rotation(rng)
+    left, right = rotation(rng, turning), rotation(rng, turning)
 
     def matrix(s):
         values = np.ones((len(s), SIZE))
@@ -98,6 +98,15 @@ def test_values_that_vanish_near_one_another_are_told_apart(gap):
     places = found(root(0.4), root(0.4 + gap, -0.8))
     assert [place.kind for place in places] == ["transversal"] * 2
     np.testing.assert_allclose([place.s for place in places], [0.4, 0.4 + gap], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("second", [0.4, 0.43, 0.7, 0.9])
+def test_blocks_lose_rank_each_by_itself(second):
+    """A border of one column sees the block of its singular vectors only, which do not turn."""
+    matrix = measured(root(0.3), root(second, -0.8), turning=0.0)
+    places = find_contacts(matrix, resolve_panels(matrix))
+    assert [place.kind for place in places] == ["transversal"] * 2
+    np.testing.assert_allclose([place.s for place in places], [0.3, second], rtol=0, atol=1e-12)
 
 
 def bowl(depth, at=0.4137):
