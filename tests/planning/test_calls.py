@@ -14,12 +14,12 @@ from framework import plan_scene
 
 MAX_GROWTH = 1.03
 CALLS = {
-    ("five_bar", "C", "rigid", "auto"): 7828,
-    ("five_bar", "C", "flexible_joints", "auto"): 11867,
-    ("five_bar", "C", "flexible_links", "auto"): 19493,
+    ("five_bar", "C", "rigid", "auto"): 8062,
+    ("five_bar", "C", "flexible_joints", "auto"): 12403,
+    ("five_bar", "C", "flexible_links", "auto"): 20106,
     ("five_bar", "C", "rigid", "optimal"): 87838,
-    ("delta", "cross", "rigid", "auto"): 9741,
-    ("gough_stewart", "tilt", "rigid", "auto"): 5981,
+    ("delta", "cross", "rigid", "auto"): 9978,
+    ("gough_stewart", "tilt", "rigid", "auto"): 6270,
 }
 
 
