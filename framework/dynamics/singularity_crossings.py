@@ -7,6 +7,7 @@ t_s . W_p = eta . r is the power in this motion of the forces r that the planned
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -238,8 +239,12 @@ def deformed_crossing(
     at_rest: SingularityCrossing,
     *,
     law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
+    probe: float = 1e-6,  # of the duration: an instant beside the crossing, for the slope of g
 ) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
+
+    Most laws are made for a crossing at the very instant of `at_rest`, with the deflections of the last pass.
+    A secant step then leads to the root with the deflections of the motion.
 
     Args:
         result: the motion of the deformed robot.
@@ -253,11 +258,18 @@ def deformed_crossing(
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
     t = at_rest.time
-    motion = result.motion(t)  # most laws are made for a crossing at this very instant
-    P = type2_matrix(robot, motion.linearised)
-    if np.abs(solve_bordered(P, Border.of(P)).g[0]) > law_root_rounding:
+    step = math.copysign(probe * result.duration, 0.5 * result.duration - t)  # towards the middle
+    motion = result.motion([t, t + step])
+    P = type2_matrix(robot, motion.linearised)  # (2, n, n)
+    g, beside = solve_bordered(P, Border.of(P[0])).g.tolist()
+    if abs(g) > law_root_rounding:
         t = root_of_g(matrices, t, high=result.duration).place
         motion = result.motion(t)
+    elif (
+        abs(beside) > 100.0 * law_root_rounding
+    ):  # else the path touches the locus, and the slope is rounding
+        t -= step * g / (beside - g)
+    motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
