@@ -11,6 +11,7 @@ import pytest
 import robots
 from framework import ParallelRobot
 from framework.kinematics.parallel_robot import Equations
+from framework.tolerances import TORQUE_TAIL
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
 from tests.robots.every_robot import FEWEST_AND_MOST, RIGID, assert_same_torques, crossing, in_stages, planned
 from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
@@ -54,8 +55,10 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     ours, unsettled = one.torque(t), max(one.certificate.change, two.certificate.change)  # of the deflections
-    atol = 1e-12 + 10 * unsettled * np.abs(ours).max()
-    np.testing.assert_allclose(two.torque(t), ours, atol=atol, rtol=1e-10)
+    # plans promise torques to TORQUE_TAIL of their peak; at rest, where torques are small, that is what second
+    # derivatives of the deflections leave of rounding
+    atol = 1e-12 + max(10 * unsettled, TORQUE_TAIL) * np.abs(ours).max()
+    np.testing.assert_allclose(two.torque(t), ours, atol=atol, rtol=0)
 
 
 @pytest.mark.parametrize("case", in_stages(SCALED))
