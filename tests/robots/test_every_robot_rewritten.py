@@ -55,8 +55,8 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     ours, unsettled = one.torque(t), max(one.certificate.change, two.certificate.change)  # of the deflections
-    # plans promise torques to TORQUE_TAIL of their peak; at rest, where torques are small, that is what second
-    # derivatives of the deflections leave of rounding
+    # plans promise torques to TORQUE_TAIL of their peak; at rest, where torques are small, that is what
+    # second derivatives of the deflections leave of rounding
     atol = 1e-12 + max(10 * unsettled, TORQUE_TAIL) * np.abs(ours).max()
     np.testing.assert_allclose(two.torque(t), ours, atol=atol, rtol=0)
 
