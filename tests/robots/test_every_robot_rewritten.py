@@ -55,10 +55,11 @@ def test_torques_do_not_depend_on_how_the_closures_are_written(original, change)
     one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     ours, unsettled = one.torque(t), max(one.certificate.change, two.certificate.change)  # of the deflections
-    # plans promise torques to TORQUE_TAIL of their peak; at rest, where torques are small, that is what
-    # second derivatives of the deflections leave of rounding
-    atol = 1e-12 + max(10 * unsettled, TORQUE_TAIL) * np.abs(ours).max()
-    np.testing.assert_allclose(two.torque(t), ours, atol=atol, rtol=0)
+    peak = np.abs(ours).max()
+    bound = 1e-12 + 10 * unsettled * peak + 1e-10 * np.abs(ours)  # (201, n_a)
+    # at both ends second derivatives of deflections amplify rounding: there, what plans promise of the peak
+    bound[[0, -1]] = np.maximum(bound[[0, -1]], TORQUE_TAIL * peak)
+    assert (np.abs(two.torque(t) - ours) <= bound).all()
 
 
 @pytest.mark.parametrize("case", in_stages(SCALED))
