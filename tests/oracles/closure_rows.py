@@ -63,6 +63,14 @@ def independent(jacobian: np.ndarray) -> np.ndarray:
     return np.sort(order[: np.sum(pivots > REDUNDANT * pivots[0])])
 
 
+def range_rows(jacobian: np.ndarray, rank: int) -> np.ndarray:
+    """U' (rank, m), U an orthonormal basis of the range of J (m, nv); one matrix where no row repeats others.
+
+    Rows chosen at one pose may repeat each other at another: overconstrained loops take the range anew.
+    """
+    return np.eye(rank) if len(jacobian) == rank else np.linalg.svd(jacobian)[0][:, :rank].T
+
+
 def _rows(model: pin.Model, data: pin.Data, closure: Closure) -> tuple[np.ndarray, np.ndarray]:
     first, second = (frame_of(model, name) for name in closure.frames)
     J1, J2 = (pin.getFrameJacobian(model, data, f, WORLD_AXES).reshape(6, -1) for f in (first, second))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from framework import ParallelRobot
-from tests.oracles.closure_rows import ClosureRows, closure_rows, independent
+from tests.oracles.closure_rows import ClosureRows, closure_rows, independent, range_rows
 
 FRAME_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 Rows = Callable[[pin.Data], ClosureRows]  # the independent closure rows at the state of the data
@@ -157,11 +157,12 @@ def simulate_robot(
     model, closures = robot.model, robot.description.closures
     data, rest = model.createData(), np.zeros(model.nv)
     kinematics(model, data, np.asarray(q0, float), rest)
-    keep = independent(closure_rows(model, data, closures).jacobian)
+    rank = len(independent(closure_rows(model, data, closures).jacobian))
 
     def rows(data: pin.Data) -> ClosureRows:
         jacobian, drift = closure_rows(model, data, closures)
-        return ClosureRows(jacobian[keep], drift[keep])
+        basis = range_rows(jacobian, rank)
+        return ClosureRows(basis @ jacobian, basis @ drift)
 
     return simulate_tree(
         model,

@@ -34,6 +34,7 @@ from tests.oracles.closure_rows import (
     closure_rows,
     cross,
     independent,
+    range_rows,
 )
 from tests.oracles.forward_simulation import (
     accelerations,
@@ -112,10 +113,16 @@ class Witness:
                 drift.append(cross(bias.angular, axis) + cross(spin, cross(spin, axis)))
         return Masses(np.concatenate(value), np.vstack(jacobian), np.concatenate(drift))
 
-    def choice(self, q: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    def closed(self, rank: int) -> tuple[np.ndarray, ClosureRows]:
+        """U' (rank, m) and the independent rows U'J of the state that `at` was called with."""
+        jacobian, drift = closure_rows(self.model, self.data, self.robot.description.closures)
+        basis = range_rows(jacobian, rank)
+        return basis, ClosureRows(basis @ jacobian, basis @ drift)
+
+    def choice(self, q: np.ndarray, rank: int) -> np.ndarray:
         """Indices of candidates that tell all motions of the masses, well apart, at q."""
         self.at(q, np.zeros(self.model.nv))
-        closed = null_space(closure_rows(self.model, self.data, self.robot.description.closures)[0][keep])
+        closed = null_space(self.closed(rank)[1].jacobian)
         still = massless_directions(self.robot, q)
         jacobian = self.masses(q).jacobian
         fixed = np.flatnonzero(np.abs(jacobian @ still).max(axis=1, initial=0.0) < STILL)
@@ -123,7 +130,7 @@ class Witness:
         return np.sort(fixed[order[: closed.shape[1] - still.shape[1]]])
 
     def configuration(
-        self, phi: np.ndarray, chosen: np.ndarray, *, drive: np.ndarray, keep: np.ndarray, near: np.ndarray
+        self, phi: np.ndarray, chosen: np.ndarray, *, drive: np.ndarray, rank: int, near: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """q (nq,) with the masses at phi and the springs in balance with `drive` (nv,), and W (nv, r) there.
 
@@ -135,11 +142,12 @@ class Witness:
         for _ in range(30):
             self.at(q, np.zeros(model.nv))
             masses = self.masses(q)
-            moving = np.vstack([closure_rows(model, self.data, closures)[0][keep], masses.jacobian[chosen]])
+            basis, closed = self.closed(rank)
+            moving = np.vstack([closed.jacobian, masses.jacobian[chosen]])
             still = null_space(moving)
             error = np.concatenate(
                 [
-                    closure_errors(model, self.data, closures)[keep],
+                    basis @ closure_errors(model, self.data, closures),
                     masses.value[chosen] - phi,
                     still.T @ -(springs(self.robot, q) + drive) / self.stiffness.max(),
                 ]
@@ -169,7 +177,7 @@ def simulate_massless(
     witness, model, closures = Witness(robot), robot.model, robot.description.closures
     near = np.asarray(q0, float)
     witness.at(near, np.zeros(model.nv))
-    keep = independent(closure_rows(witness.model, witness.data, closures).jacobian)
+    rank = len(independent(closure_rows(witness.model, witness.data, closures).jacobian))
     armature = np.diag(rotors(robot))
     rate = np.zeros(model.nv)
     q = [near]
@@ -179,31 +187,31 @@ def simulate_massless(
         nonlocal near
         count = len(chosen)
         drive = motors(robot, torque(t))
-        near, still = witness.configuration(state[:count], chosen, drive=drive, keep=keep, near=near)
+        near, still = witness.configuration(state[:count], chosen, drive=drive, rank=rank, near=near)
         witness.at(near, np.zeros(model.nv))
-        jacobian = closure_rows(witness.model, witness.data, closures).jacobian[keep]
+        jacobian = witness.closed(rank)[1].jacobian
         v = velocity(jacobian, witness.masses(near).jacobian[chosen], state[count:])
         witness.at(near, v)
-        rows = closure_rows(witness.model, witness.data, closures)
+        closed = witness.closed(rank)[1]
         mass = mass_matrix(witness.model, witness.data, near) + armature
         mass += np.abs(mass).max() * still @ still.T
         load = springs(robot, near) + drive
         load -= pin.nonLinearEffects(witness.model, witness.data, near, v)
         masses = witness.masses(near)
-        a, _ = accelerations(mass, load, ClosureRows(rows.jacobian[keep], rows.drift[keep]))
+        a, _ = accelerations(mass, load, closed)
         return np.concatenate([state[count:], masses.jacobian[chosen] @ a + masses.drift[chosen]])
 
     for start, end in pairwise(np.asarray(times, float)):
-        chosen = witness.choice(near, keep)
+        chosen = witness.choice(near, rank)
         witness.at(near, rate)
         masses = witness.masses(near)
         state = np.concatenate([masses.value[chosen], masses.jacobian[chosen] @ rate])
         state = integrate(slope, start, end, state, rtol=rtol, atol=atol, longest_step=step)
         near, _ = witness.configuration(
-            state[: len(chosen)], chosen, drive=motors(robot, torque(end)), keep=keep, near=near
+            state[: len(chosen)], chosen, drive=motors(robot, torque(end)), rank=rank, near=near
         )
         witness.at(near, np.zeros(model.nv))
-        jacobian = closure_rows(witness.model, witness.data, closures).jacobian[keep]
+        jacobian = witness.closed(rank)[1].jacobian
         rate = velocity(jacobian, witness.masses(near).jacobian[chosen], state[len(chosen) :])
         q.append(near)
     return np.array(q)
