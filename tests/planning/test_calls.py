@@ -17,7 +17,7 @@ CALLS = {
     ("five_bar", "C", "rigid", "auto"): 8062,
     ("five_bar", "C", "flexible_joints", "auto"): 12403,
     ("five_bar", "C", "flexible_links", "auto"): 20106,
-    ("five_bar", "C", "rigid", "optimal"): 87838,
+    ("five_bar", "C", "rigid", "optimal"): 41500,
     ("delta", "cross", "rigid", "auto"): 9978,
     ("gough_stewart", "tilt", "rigid", "auto"): 6270,
 }
