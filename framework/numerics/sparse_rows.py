@@ -134,6 +134,16 @@ class SparseRows:
         values, column = self.values[entries], self.column[entries]
         return SparseRows(new_row, column, values, (len(chosen), self.shape[1]))
 
+    def append(self, rows: SparseRows) -> SparseRows:
+        """Return the matrix with the `rows` (R, n) below."""
+        count = self.shape[0]
+        return SparseRows(
+            np.concatenate([self.row, rows.row + count]),
+            np.concatenate([self.column, rows.column]),
+            np.concatenate([self.values, rows.values]),
+            (count + rows.shape[0], self.shape[1]),
+        )
+
     def scale(self, factors: Array) -> SparseRows:
         """Return the matrix with its rows multiplied by factors (M,)."""
         return self._with_values(self.values * factors[self.row])
@@ -183,14 +193,3 @@ class SparseRows:
 def _sum_by(index: IntArray, values: Array, count: int) -> Array:
     """Sum values (E,) with the same index (E,), in their order: (count,)."""
     return np.asarray(np.bincount(index, values, minlength=count), dtype=float)
-
-
-def stack_rows(upper: SparseRows, lower: SparseRows) -> SparseRows:
-    """Return the matrices (M, n) and (R, n), one below the other."""
-    count = upper.shape[0]
-    return SparseRows(
-        np.concatenate([upper.row, lower.row + count]),
-        np.concatenate([upper.column, lower.column]),
-        np.concatenate([upper.values, lower.values]),
-        (count + lower.shape[0], upper.shape[1]),
-    )

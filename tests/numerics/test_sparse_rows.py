@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from framework.numerics.sparse_rows import SparseRows, stack_rows
+from framework.numerics.sparse_rows import SparseRows
 
 SHAPE = (7, 5)
 
@@ -35,7 +35,7 @@ def test_arithmetic_is_that_of_dense_matrices(seed):
         (A.scale(w).toarray(), w[:, None] * a),
         (A[1:6].toarray(), a[1:6]),
         (A[rows].toarray(), a[rows]),
-        (stack_rows(A, B).toarray(), np.vstack([a, b])),
+        (A.append(B).toarray(), np.vstack([a, b])),
         (A.largest(), np.abs(a).max(axis=1)),
         (A.gram().toarray(), a.T @ a),
         (A.gram().upper_triangle().column_major().toarray(), np.triu(a.T @ a)),

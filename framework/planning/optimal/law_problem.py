@@ -21,7 +21,7 @@ from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
-from framework.numerics.sparse_rows import SparseRows, stack_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
@@ -137,13 +137,13 @@ class MotorRows(NamedTuple):
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
             tuple(_stack_affine(upper, lower) for upper, lower in torques),
-            tuple(stack_rows(upper, lower) for upper, lower in speeds),
+            tuple(upper.append(lower) for upper, lower in speeds),
         )
 
 
 def _stack_affine(upper: Affine, lower: Affine) -> Affine:
     """Return the affine functions `upper` and `lower`, one below the other."""
-    return Affine(stack_rows(upper.matrix, lower.matrix), np.append(upper.offset, lower.offset))
+    return Affine(upper.matrix.append(lower.matrix), np.append(upper.offset, lower.offset))
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
@@ -249,5 +249,5 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     if problem.response is None:
         return Affine(rows, constant)
     loaded = problem.response.scalar_slopes  # (k, n)
-    matrix = stack_rows(SparseRows.of(loaded), rows[slice(len(loaded), None)])
+    matrix = SparseRows.of(loaded).append(rows[slice(len(loaded), None)])
     return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))
