@@ -16,22 +16,6 @@ measured poses. `recording` reads data and simulates them, `conversions` declare
     geometry         errors of joint origins and of lengths, and equations for these errors
 """
 
-from framework.identification.base_parameters import BaseParameters, base_parameters
-from framework.identification.calibrate import Calibration, calibrate
-from framework.identification.conversions import Conversions
-from framework.identification.identify import Identification, identify
-from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
+from framework.lazy_names import lazy_names
 
-__all__ = [
-    "BaseParameters",
-    "Calibration",
-    "Conversions",
-    "Identification",
-    "Recording",
-    "Sensors",
-    "base_parameters",
-    "calibrate",
-    "identify",
-    "read_recording",
-    "record_sensors",
-]
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("base_parameters", "calibrate", "identify"))

@@ -27,7 +27,7 @@ from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
 from framework.kinematics.loop_ranges import align_bases, oriented_bases
-from framework.kinematics.loop_structure import null_directions
+from framework.kinematics.loop_structure import null_directions, rounded_gap
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, select
 from framework.numerics.banded_lu import Factors
@@ -227,7 +227,8 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     gaps = np.abs(linearised.solved_residual)  # (T, rows), or (T, m) of dimensionless combinations
     if gaps.shape[1] == len(robot.row_lengths):
         gaps = gaps / robot.row_lengths
-    if gaps.max(initial=0.0) > FILE_ROUNDING:
+    rounding = rounded_gap(robot, robot.reference.q[None]) / robot.length  # which no pose closes
+    if gaps.max(initial=0.0) > FILE_ROUNDING + rounding:
         worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
             f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "

@@ -17,4 +17,7 @@ represent all functions of time.
   from documents; `interruption`: Ctrl-C and SIGTERM; `time_limit`: searches that end with their best result.
 """
 
+from framework.lazy_names import lazy_names
+
 MAX_WORKERS = 1000  # processes
+__getattr__, __dir__ = lazy_names(__name__, __file__)

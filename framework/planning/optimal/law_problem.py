@@ -18,6 +18,8 @@ import numpy as np
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
+from framework.laws.law import compose_derivatives
+from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
@@ -238,7 +240,8 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
     The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
     in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
-    the first rows, condition (8) of the undeformed robot, by those of the loaded robot.
+    the first rows, condition (8) of the undeformed robot, by those of the loaded robot. The last rows are
+    those of ends in motion.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))
@@ -246,8 +249,56 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     per_slope = 0.5 * per_u * dxi + 0.5 * per_du * ddxi  # per dz/dxi
     per_bend = 0.5 * per_du * dxi**2  # per d2z/dxi2
     rows = z.scale(per_z) + z_xi.scale(per_slope) + z_xi_xi.scale(per_bend)
+    at_ends = _end_rows(problem, basis)
+    rows = rows.append(at_ends.matrix)
+    constant = np.append(constant, at_ends.offset)
     if problem.response is None:
         return Affine(rows, constant)
     loaded = problem.response.scalar_slopes  # (k, n)
     matrix = SparseRows.of(loaded).append(rows[slice(len(loaded), None)])
     return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))
+
+
+def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
+    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
+
+    s' ... s^(R) at such an end, where phi' > 0, determine the first R derivatives of sigma by time, and so z
+    and its first R - 1 derivatives by sigma: with v = d sigma/dt, the derivatives of sigma are v, z'/2,
+    v z"/2 and z'z"/4 + z z"'/2. The rows of z are those of its derivatives by xi, by the chain rule.
+    """
+    specification = problem.specification
+    orders = specification.smoothness
+    rows = [np.empty((0, len(basis.matrix(np.ones(1)).toarray()[0])))]
+    values = [np.empty(0)]
+    ends = zip(specification.ends.moving, specification.ends.derivatives(orders), strict=True)
+    for sigma, (is_moving, derivatives) in enumerate(ends):
+        if not is_moving:
+            continue
+        at_end = np.array(float(sigma))
+        by_xi = [
+            basis.matrix(np.array([2.0 * sigma - 1.0]), k).toarray()[0] for k in range(orders)
+        ]  # (n,) each
+        xi_slopes = [problem.task.stretch(at_end, k) for k in range(1, orders)]
+        matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
+        targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)
+        sizes = np.abs(matrix).max(axis=1)
+        rows.append(matrix / sizes[:, None])
+        values.append(targets / sizes)
+    return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
+
+
+def _squared_speed_at_end(phi: Smoothstep, sigma: Array, derivatives: Array) -> Array:
+    """Compute z and its derivatives (R,) by sigma at an end with derivatives (R,) of s by time, R <= 4."""
+    orders = len(derivatives)
+    by_sigma = [phi(sigma, k) for k in range(orders + 1)]
+    rates = list[Array]()  # of sigma by time: those of phi(sigma(t)) are the given ones, one after the other
+    for order, derivative in enumerate(derivatives, start=1):
+        rest = compose_derivatives(by_sigma[: order + 1], [*rates, np.zeros(())])[order]
+        rates.append((derivative - rest) / by_sigma[1])
+    v, a, *higher = rates
+    z = [v**2, 2.0 * a]
+    if higher:
+        z.append(2.0 * higher[0] / v)
+    if len(higher) > 1:
+        z.append(2.0 * (higher[1] - 0.5 * a * z[2]) / v**2)
+    return np.array(z)
