@@ -299,7 +299,7 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
     # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
     changed = changes.accelerations @ mass
-    rate_changes = np.stack([changes.v, dq])  # by steps of positions; dq also by unit steps of rates
+    rate_changes = np.array([changes.v, dq])  # by steps of positions; dq also by unit steps of rates
     changed[:2] += rate_changes @ by_v.swapaxes(1, 2)
     changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions alone change positions
     return changed
