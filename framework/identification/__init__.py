@@ -6,7 +6,8 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `recording` reads data and simulates them, `conversions` declares their units and signs.
+measured poses. `excite` designs a motion to record. `recording` reads data and simulates them, `conversions`
+declares their units and signs.
 
     combinations     the combinations of parameters that a regressor determines
     measured_motion  the motion of all joints from recorded samples
@@ -19,6 +20,7 @@ measured poses. `recording` reads data and simulates them, `conversions` declare
 from framework.identification.base_parameters import BaseParameters, base_parameters
 from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.conversions import Conversions
+from framework.identification.excite import Excitation, excite
 from framework.identification.identify import Identification, identify
 from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
 
@@ -26,11 +28,13 @@ __all__ = [
     "BaseParameters",
     "Calibration",
     "Conversions",
+    "Excitation",
     "Identification",
     "Recording",
     "Sensors",
     "base_parameters",
     "calibrate",
+    "excite",
     "identify",
     "read_recording",
     "record_sensors",

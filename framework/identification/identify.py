@@ -263,7 +263,7 @@ def identify(
         not_negative(name, value)
     base = base_parameters(robot, massless=massless)
     links = collect_link_parameters(robot, base.described)
-    free = _free_parameters(robot, base, links, only)
+    free = free_parameters(robot, base, links, only)
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
@@ -366,7 +366,7 @@ def _torque_steps(torque: Array) -> Array:
 # ------------------------------------------------------------------ which parameters
 
 
-def _free_parameters(
+def free_parameters(
     robot: ParallelRobot, base: BaseParameters, links: LinkParameters, only: Sequence[str]
 ) -> IntArray:
     """Return the indices (f,) of the parameters of links and motors that are asked for; all without names.
