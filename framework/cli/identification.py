@@ -118,8 +118,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
 
 IDENTIFIED = """\
 {0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e})
-  data              {0.instants} samples, {0.equations} equations; angles up to {0.cutoff:.3g} Hz, \
-poses by the {0.poses}
+  data              {0.instants} samples every {0.period:.4g} s{jitter}, {0.equations} equations; angles up \
+to {0.cutoff:.3g} Hz, poses by the {0.poses}
   noise of torques  {noise}{massless}
   torques held out: error over torque, and by how many deviations of chance it is worse than the twin"""
 
@@ -157,6 +157,14 @@ def add_identify_options(parser: OneLineParser) -> None:
         help="deviation of errors of the torques that last: scale (share of a torque, default 0.005), offset "
         "(share of its root mean square), delay [s]",
     )
+    group.add_argument(
+        "--start",
+        nargs="+",
+        default=[],
+        metavar="JOINT=VALUE",
+        help="joints near the first row, if the motion begins in another mode than the reference (default: "
+        "as columns joint_NAME or platform_AXIS tell)",
+    )
     add_number(group, "--cutoff", "F", "highest frequency of the angles [Hz] (default: by cross-validation)")
     group.add_argument(
         "--poses",
@@ -188,6 +196,7 @@ def _add_conversions(group: Any) -> None:
             "of a column, or of all motor_angle, torque, platform, joint: deg, mm, ms ..",
         ),
         ("--sign", "COLUMN=-1", "columns, or all of a kind, that count the other way"),
+        ("--zero", "COLUMN=VALUE", "readings where columns are zero, in SI units, after unit and sign"),
         ("--swap", "COLUMN=COLUMN", "columns that are exchanged for one another"),
     ):
         group.add_argument(flag, nargs="+", default=[], metavar=form, help=text)
@@ -198,6 +207,7 @@ def _conversions(options: Namespace) -> Conversions:
     return Conversions(
         units=_named_words("--unit", options.unit),
         signs=arguments.named_numbers("--sign", options.sign, "COLUMN=-1"),
+        zeros=arguments.named_numbers("--zero", options.zero, "COLUMN=VALUE"),
         swaps=_named_words("--swap", options.swap),
     )
 
@@ -221,6 +231,7 @@ def run_identify(options: Namespace) -> Report:
         only=options.only,
         cutoff=options.cutoff,
         poses=options.poses,
+        start=arguments.named_numbers("--start", options.start, "JOINT=VALUE"),
         prior=arguments.share("--prior", options.prior),
         massless=options.massless,
         sensor_errors=arguments.named_numbers("--sensor-error", options.sensor_error, "KIND=VALUE"),
@@ -246,9 +257,11 @@ def identification_lines(identification: Identification, *, everything: bool = F
     base = identification.base
     robot = identification.robot
     noise = zip(robot.actuator_names, identification.noise, robot.torque_units, strict=True)
+    least = 1e-3 * identification.period  # of a jitter that is told
     words = {
         "parameters": len(base.parameters),
         "noise": ", ".join(f"{joint} {value:.2g} {unit}" for joint, value, unit in noise),
+        "jitter": f" (+- {0.5 * identification.jitter:.1g})" if identification.jitter > least else "",
         "massless": f"\n  massless          left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
     lines = [IDENTIFIED.format(identification, **words)]
