@@ -39,6 +39,8 @@ def check_duration(duration: float) -> None:
 
 def is_number(value: object) -> bool:
     """Return whether a value is a single finite real number of Python or numpy."""
+    if type(value) is float:
+        return isfinite(value)
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     try:
@@ -54,9 +56,9 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
         InvalidInput: t is not finite, or outside [0, duration].
     """
     x = real_numbers("t", t) * (2.0 / duration) - 1.0
-    if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
+    if not (np.abs(x) <= 1.0 + SAME_PLACE).all():
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
-    return np.clip(x, -1.0, 1.0)
+    return x.clip(-1.0, 1.0)
 
 
 class MotionLaw(Protocol):
@@ -184,7 +186,7 @@ def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[
             return outer[k]
         # inner[j - 1] is g^(j)
         terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
-        return np.sum(terms, axis=0)
+        return sum(terms[1:], terms[0])
 
     return [differentiate(0, m) for m in range(len(outer))]
 
@@ -236,7 +238,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
-        series = np.stack([self._series(order) for order in range(count)], axis=1)
+        series = np.array([self._series(order) for order in range(count)]).T.copy()
         x = normalise_time(t, self.duration)
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
 
@@ -328,9 +330,14 @@ class Law(ReadOnlyArrays, PlannedLaw):
         both ends has the factor (1 - x^2)^smoothness, and none at an end in motion. This factor is divided
         out because rounding would decide the sign of s' near the ends.
         """
-        p = _divide_out_ends(self.degree, ends.zeros(smoothness)) @ self.coefficients  # Chebyshev series
-        mean = np.mean(np.abs(_interior_values(len(p)) @ p))
-        return least_value(p[None]) / float(mean)
+        return _least_speed_ratio(self, ends.zeros(smoothness))
+
+
+@lru_cache(maxsize=16)
+def _least_speed_ratio(law: Law, zeros: tuple[int, int]) -> float:
+    """Compute `Law.least_speed_ratio`, which a plan needs several times of the same law."""
+    p = _divide_out_ends(law.degree, zeros) @ law.coefficients  # Chebyshev series
+    return least_value(p[None]) / float(np.abs(_interior_values(len(p)) @ p).mean())
 
 
 def speed_ratios_and_peaks(

@@ -107,7 +107,7 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
-    to_cross = replace(path_to_cross(searched, request), explained=explained)
+    to_cross = path_to_cross(searched, request, explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit) as clock:

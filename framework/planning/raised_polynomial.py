@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.sparse import csr_array
 
 from framework.laws.law import Ends
 from framework.laws.path import HIGHEST_ORDER
@@ -227,31 +226,31 @@ class RaisedDegree:
         samples = len(p_rows)
         if further is not None:
             p_rows = np.vstack([p_rows, chebyshev.chebvander(further, size - 1) / self._constant])
-        one = csr_array(np.ones((samples, 1)))
+        one = np.ones((samples, 1))
         scale = 1.0 + np.abs(acceleration)[:, None]  # rows of s" may be far larger than the others
         equal = [
-            AffineRows({"p": csr_array(at_ends)}, -end_values),
-            AffineRows({"p": csr_array(s)}, -np.array(self.places)),
+            AffineRows({"p": at_ends}, -end_values),
+            AffineRows({"p": s}, -np.array(self.places)),
             # s' = speeds + change, s" = acceleration + slope * change
-            AffineRows({"p": csr_array(ds), "change": csr_array(-np.eye(count))}, -speeds),
+            AffineRows({"p": ds, "change": -np.eye(count)}, -speeds),
             AffineRows(
-                {"p": csr_array(dds / scale), "change": csr_array(-np.diag(slope) / scale)},
+                {"p": dds / scale, "change": -np.diag(slope) / scale},
                 -acceleration / scale[:, 0],
             ),
         ]
         bound = trust * speeds
         nonnegative = [
             AffineRows(
-                {"p": csr_array(p_rows), "advance": csr_array(-np.ones((len(p_rows), 1)))},
+                {"p": p_rows, "advance": -np.ones((len(p_rows), 1))},
                 np.zeros(len(p_rows)),
             ),
-            *(AffineRows({"change": csr_array(sign * np.eye(count))}, bound) for sign in (-1.0, 1.0)),
+            *(AffineRows({"change": sign * np.eye(count)}, bound) for sign in (-1.0, 1.0)),
         ]
         cost = {"advance": -np.ones(1)}
         if min_advance is not None:
-            nonnegative.append(AffineRows({"advance": csr_array(np.ones((1, 1)))}, np.array([-min_advance])))
+            nonnegative.append(AffineRows({"advance": np.ones((1, 1))}, np.array([-min_advance])))
             for sign in (-1.0, 1.0):
-                bends = AffineRows({"p": csr_array(sign * bend_rows), "bend": one}, np.zeros(samples))
+                bends = AffineRows({"p": sign * bend_rows, "bend": one}, np.zeros(samples))
                 nonnegative.append(bends)
             cost = {"bend": np.ones(1)}
         sizes = {"p": size, "change": count, "advance": 1, "bend": 1 if "bend" in cost else 0}

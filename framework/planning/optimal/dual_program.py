@@ -46,7 +46,7 @@ from framework.numerics.cone_program import (
     product_cone,
     solve_cone_program,
 )
-from framework.numerics.sparse_rows import scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.path_series import PathSeries
 
 # of x; the error of the factor is of the order of the cells' width with degree 1, of its square with degree 2
@@ -199,7 +199,7 @@ class DualProgram:
 
         # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
-        rows = {name: scale_rows(part, scaling) for name, part in draft.factor.items()}
+        rows = {name: SparseRows.of(part).scale(scaling) for name, part in draft.factor.items()}
         margins = np.repeat(self.series.width * margin, SIZE)
         draft.nonnegative.append(AffineRows(rows, -scaling * margins))
         program = ConeProgram(

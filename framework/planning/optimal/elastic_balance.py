@@ -96,7 +96,7 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
     # rows of z / z_splines at xi on the coefficients of the series, fitted to 1
     ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
-    y = np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0]
+    y = np.asarray(np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0], dtype=float)
     space = SpeedSpace(basis, law.stretch)
     try:
         y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)

@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
@@ -25,7 +24,7 @@ from framework.laws.path import HIGHEST_ORDER
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
-from framework.numerics.sparse_rows import scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
@@ -113,12 +112,14 @@ class MotorRows(NamedTuple):
     """Torques and squared speeds of the motors at M points of a path, affine in the n coefficients of z."""
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
-    squared_speed: tuple[Any, ...]  # (M, n) of each motor with a speed limit, over the squared limit
+    squared_speed: tuple[SparseRows, ...]  # (M, n) of each motor with a speed limit, over the squared limit
 
-    def combine(self, weights: Any) -> MotorRows:
+    def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
-        torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
-        return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
+        torque = tuple(
+            Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in self.torque
+        )
+        return MotorRows(torque, tuple(SparseRows.of(weights @ matrix) for matrix in self.squared_speed))
 
     def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
@@ -139,14 +140,13 @@ class MotorRows(NamedTuple):
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
             tuple(_stack_affine(upper, lower) for upper, lower in torques),
-            tuple(vstack(pair, format="csr") for pair in speeds),
+            tuple(upper.append(lower) for upper, lower in speeds),
         )
 
 
 def _stack_affine(upper: Affine, lower: Affine) -> Affine:
-    """Return the sparse affine functions `upper` and `lower`, one below the other."""
-    matrix = vstack([upper.matrix, lower.matrix], format="csr")
-    return Affine(matrix, np.append(upper.offset, lower.offset))
+    """Return the affine functions `upper` and `lower`, one below the other."""
+    return Affine(upper.matrix.append(lower.matrix), np.append(upper.offset, lower.offset))
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
@@ -168,11 +168,11 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     # z and u as rows (M, n) on the coefficients of z
     z = basis.matrix(xi)
-    u = scale_rows(basis.matrix(xi, 1), 0.5 * problem.task.stretch(sigma, 1))
+    u = basis.matrix(xi, 1).scale(0.5 * problem.task.stretch(sigma, 1))
     # the rows of each motor, bounded beside crossings
     torques = []
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
-        matrix = scale_rows(z, motor_cz) + scale_rows(u, motor_cu)
+        matrix = z.scale(motor_cz) + u.scale(motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
 
@@ -193,11 +193,11 @@ def _rows_of_response(
     slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     motors = range(torque.shape[1])
-    torques = tuple(Affine(csr_array(slopes[:, j]), offset[:, j]) for j in motors)
+    torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)
     return MotorRows(torques, _squared_speed_rows(speed, specification, basis.matrix(xi)))
 
 
-def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> tuple[Any, ...]:
+def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
     """Compute rows (M, n) of squared speeds over their squared limits.
 
     A motor without a limit has no rows.
@@ -208,7 +208,7 @@ def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> t
     """
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
-    return tuple(scale_rows(z, ratio**2) for ratio in ratios.T)
+    return tuple(z.scale(ratio**2) for ratio in ratios.T)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
@@ -233,7 +233,7 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         # least squares, as conditions may depend on each other
         share = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], left.T, rcond=None)[0].T
         shares[np.ix_(beside, chosen)] = share
-    return Affine(torque.matrix - csr_array(shares) @ C, torque.offset - shares @ conditions.offset)
+    return Affine(torque.matrix.subtract_multiples(shares, C), torque.offset - shares @ conditions.offset)
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
@@ -249,14 +249,14 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
     per_slope = 0.5 * per_u * dxi + 0.5 * per_du * ddxi  # per dz/dxi
     per_bend = 0.5 * per_du * dxi**2  # per d2z/dxi2
-    rows = scale_rows(z, per_z) + scale_rows(z_xi, per_slope) + scale_rows(z_xi_xi, per_bend)
+    rows = z.scale(per_z) + z_xi.scale(per_slope) + z_xi_xi.scale(per_bend)
     at_ends = _end_rows(problem, basis)
-    rows = vstack([rows, at_ends.matrix], format="csr")
+    rows = rows.append(at_ends.matrix)
     constant = np.append(constant, at_ends.offset)
     if problem.response is None:
         return Affine(rows, constant)
     loaded = problem.response.scalar_slopes  # (k, n)
-    matrix = vstack([csr_array(loaded), rows[len(loaded) :]], format="csr")
+    matrix = SparseRows.of(loaded).append(rows[slice(len(loaded), None)])
     return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))
 
 
@@ -285,7 +285,7 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
         sizes = np.abs(matrix).max(axis=1)
         rows.append(matrix / sizes[:, None])
         values.append(targets / sizes)
-    return Affine(csr_array(np.concatenate(rows)), -np.concatenate(values))
+    return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
 
 
 def _squared_speed_at_end(phi: Smoothstep, sigma: Array, derivatives: Array) -> Array:
