@@ -336,6 +336,14 @@ The paper's case C needs 1.3e-4. At 1e-2 laws that visibly run back are taken, w
 1e-4 case C is refused, of five_bar_heavy too.
 """
 
+SEAM_JUMP = 1e-8
+"""Difference of two motions that meet, of positions, speeds or torques over the largest, that is no jump.
+
+Torques of both are known to their tails, 1e-11 or less as a rule, but beside a crossing, where they lose
+digits. At 1e-9 plans that are left 2 % of their duration before a crossing do not meet; at 1e-7 a force that
+jumps by as much would go unseen.
+"""
+
 PATH_JUMP = 1e-6
 """Jump of x' or x'' of a user's path, over the largest value, that is no rounding.
 
