@@ -500,10 +500,12 @@ class ParsedRobot(NamedTuple):
     """The content of a file of any dialect.
 
     `urdf` is the parsed root of `description.urdf_text`; no reader of the record may change it. `dialect` is
-    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file.
+    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file. `stated` are positions
+    [rad, m] that the file or its reader's options give as reference; other coordinates are 0.
     """
 
     description: RobotDescription
     urdf: Element
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()
+    stated: Mapping[str, float] | None = None

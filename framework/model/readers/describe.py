@@ -150,7 +150,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     urdf_text = tostring(tree.root, encoding="unicode")
     description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
-    return ParsedRobot(description, tree.root, dialect, remarks)
+    return ParsedRobot(description, tree.root, dialect, remarks, reference)
 
 
 def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
