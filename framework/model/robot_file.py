@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
+from framework.model.description import ParsedRobot, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
@@ -68,11 +68,13 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
-    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):
+    remaining, coupled_to_locked = lock_couplings(robot["couplings"], locked)
+    if coupled_to_locked:
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
 
     _merge_joint_springs(robot, locked)
+    robot["couplings"] = tuple(remaining)
     _drop_locked_joints(robot, locked)
 
     description = RobotDescription(
@@ -109,11 +111,10 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints.
+    """Drop the springs and entries of locked joints.
 
     `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
     """
-    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
