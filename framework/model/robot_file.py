@@ -29,8 +29,8 @@ from framework.numerics.fields import list_of, read_table
 from framework.numerics.input import read_text
 
 
-def read_robot_file(file: str | Path) -> RobotDescription:
-    """Read the description in a robot file.
+def read_robot_file(file: str | Path, given: Mapping[str, float] | None = None) -> RobotDescription:
+    """Read the description in a robot file, with `given` values of some of its parameters.
 
     Raises:
         RobotFileError: the file or its URDF is missing or malformed; a key is missing or unknown; a value has
@@ -39,7 +39,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     with prefix_errors(path):
-        text, parameters = fill_parameters(text)
+        text, parameters = fill_parameters(text, given)
         return parse_robot(path, parse_yaml(text), parameters).description
 
 
