@@ -5,43 +5,51 @@
 
 Open `study` first (many runs), then `closed_loop` (the loop over sampling periods).
 
-* `controllers`: the plan at the sampling instants, a `Reference`; `tuned_controller` makes one of
-  `CONTROLLERS` for it; other controllers follow the protocol `Controller`;
-* `closed_loop`: random robots that differ from the model as `Spread` says; `run_closed_loop` drives them,
-  with friction and delay between controller and robot;
+* `controllers`: the plan at the sampling instants, a `Reference`; feedforward and computed torque;
+* `linear_model`: the dynamics about the plan, of rigid and elastic robots; `regulators`: lqr and lqg on them;
+* `by_name`: `tuned_controller` makes one of `CONTROLLERS`; others follow the protocol `Controller`;
+* `variations`: random robots that differ from the model as `Spread` says; `sensors`: the `ControlLoop`;
+* `closed_loop`: `run_closed_loop` drives these robots, with friction and delay between them and a controller;
+* `deviation`, `prediction`: standard deviations of the closed loop without runs, by sensors;
 * `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs, `load_study`
   reads a study that `crossing robustness --out` wrote;
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
-from framework.control.closed_loop import ControlLoop, Run, Spread, Variation, draw, run_closed_loop
+from framework.control.by_name import CONTROLLERS, Tuning, tuned_controller
+from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import (
-    CONTROLLERS,
-    Controller,
-    Measurement,
-    Reference,
-    reference_of,
-    tuned_controller,
-)
+from framework.control.controllers import Controller, Measurement
+from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.reference import Reference, reference_of
+from framework.control.sensors import ControlLoop
 from framework.control.study import Study, StudySetup, load_study, run_study
+from framework.control.variations import Spread, Variation, draw
 
 __all__ = [
     "CONTROLLERS",
     "ControlCycle",
     "ControlLoop",
     "Controller",
+    "LinearModel",
     "Measurement",
+    "Prediction",
     "Reference",
     "Run",
     "Spread",
     "Study",
     "StudySetup",
+    "Tuning",
     "Variation",
     "draw",
+    "linearise_plan",
     "load_study",
+    "predict",
+    "predict_by_sensors",
     "reference_of",
     "run_closed_loop",
     "run_study",
+    "suggest_sensors",
     "tuned_controller",
 ]
