@@ -440,3 +440,4 @@ class ParsedRobot(NamedTuple):
     urdf: Element
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()
+    joint_order: Names = ()  # of pinocchio's joints; by default that of its parser
