@@ -6,7 +6,8 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `recording` reads data and simulates them, `conversions` declares their units and signs.
+measured poses. `excite` designs a motion to record. `recording` reads data and simulates them, `conversions`
+declares their units and signs.
 
     combinations     the combinations of parameters that a regressor determines
     measured_motion  the motion of all joints from recorded samples
@@ -18,4 +19,4 @@ measured poses. `recording` reads data and simulates them, `conversions` declare
 
 from framework.lazy_names import lazy_names
 
-__getattr__, __dir__ = lazy_names(__name__, __file__, ("base_parameters", "calibrate", "identify"))
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("base_parameters", "calibrate", "excite", "identify"))
