@@ -33,6 +33,7 @@ from framework.kinematics.continuation.forward_kinematics import (
 )
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
+from framework.kinematics.couplings import coupling_derivatives, coupling_jacobian
 from framework.kinematics.frames import FrameMotions, FrameStack, Scratch
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
@@ -349,7 +350,7 @@ class ControlCycle:
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
-            loop_drift = self._select_rows(self._equations.drift()) / self._row_sizes[:, 0]
+            loop_drift = self._select_rows(self._equations.drift(self.q, self.v)) / self._row_sizes[:, 0]
             self._drift[self._following] = -(self._inverse @ loop_drift) * self._passive_lengths
         return self._drift
 
@@ -387,7 +388,6 @@ class SinglePose:
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)  # (m, nv)
-        self._couplings = rows.coupling_jacobian(robot.nv)  # constant part of the Jacobian
         self._wrench = np.empty((count, 6))  # of each row of the Jacobian
         self.residual = np.empty(count)  # of all loop equations [m, rad]
         self.jacobian = np.empty((count, robot.nv))
@@ -417,7 +417,7 @@ class SinglePose:
         # 1 for joints that carry only the second frame, -1 for those that carry only the first, else 0
         self.jacobian *= self._signs
         if rows.has_couplings:
-            self.jacobian += self._couplings
+            self.jacobian += coupling_jacobian(rows, q[None], self.robot.nv)[0]
 
     def evaluate_motion(self, q: Array, v: Array) -> None:
         """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
@@ -430,11 +430,12 @@ class SinglePose:
         pin.updateFramePlacements(self.robot.model, scratch.data)
         self._update_residual(q)
 
-    def drift(self) -> Array:
-        """Compute the drift dJ/dt v (m,) of the loop equations at the last `evaluate_motion`."""
+    def drift(self, q: Array, v: Array) -> Array:
+        """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        return closure_drift(self.rows, FrameMotions.of(self._placements, *twists))
+        motions = FrameMotions.of(self._placements, *twists)
+        return closure_drift(self.rows, motions, q[None], v[None])
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
@@ -469,5 +470,5 @@ class SinglePose:
             self.residual *= rows.weight
             self.residual -= rows.constant
         if rows.has_couplings:
-            self.residual[rows.coupled] = rows.coupling_residual(q[None])[0]
+            self.residual[rows.coupled] = coupling_derivatives(rows, q[None], 0)[0]
         return a, b

@@ -10,6 +10,7 @@ from framework.identification.base_parameters import (
 from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.combinations import Combinations
 from framework.identification.conversions import Conversions
+from framework.identification.excite import Excitation, PeriodicMotion, excite
 from framework.identification.geometry import Geometry, Measurements, parametrise_geometry
 from framework.identification.identify import Identification, IdentifiedQuantity, Prediction, identify
 from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
@@ -19,11 +20,13 @@ __all__ = [
     "Calibration",
     "Combinations",
     "Conversions",
+    "Excitation",
     "Geometry",
     "Identification",
     "IdentifiedQuantity",
     "LinkParameters",
     "Measurements",
+    "PeriodicMotion",
     "Prediction",
     "Recording",
     "Sensors",
@@ -31,6 +34,7 @@ __all__ = [
     "base_parameters",
     "calibrate",
     "collect_link_parameters",
+    "excite",
     "identify",
     "parametrise_geometry",
     "read_recording",

@@ -26,6 +26,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.closures import closure_drift, wrench_changes
+from framework.kinematics.couplings import coupling_jacobian_rates
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
     FrameMotions,
@@ -193,7 +194,7 @@ def _motion_of_twist(
         v = turns.add_turns(v)
 
     motions = frame_motions(robot, linearised.frames, v)
-    drift = linearised.combine(closure_drift(robot.spanning_loops, motions))
+    drift = linearised.combine(closure_drift(robot.spanning_loops, motions, linearised.frames.q, v))
     right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
     a = solve_rates(robot, linearised, right, ddq_e)
     if turns is not None:
@@ -227,7 +228,13 @@ def jacobian_rates(
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
     signs = robot.equations.signs
-    return linearised.combine_rows(first * signs), linearised.combine_rows(second * signs)
+    first, second = first * signs, second * signs
+    if robot.spanning_loops.has_couplings:
+        accelerations = np.zeros_like(v) if a is None else a
+        of_couplings = coupling_jacobian_rates(robot.spanning_loops, frames.q, v, accelerations)
+        first[:, robot.n :] += of_couplings[0]
+        second[:, robot.n :] += of_couplings[1]
+    return linearised.combine_rows(first), linearised.combine_rows(second)
 
 
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:

@@ -1,5 +1,5 @@
 from framework.laws.curves import Arc, Polyline, Spline
-from framework.laws.law import Condition, ExactLaw, Law, MotionLaw, PlannedLaw, law_derivatives
+from framework.laws.law import Condition, Ends, ExactLaw, Law, MotionLaw, PlannedLaw, law_derivatives
 from framework.laws.optimal_law import OptimalLaw
 from framework.laws.path import HIGHEST_ORDER, Line, Path, time_derivatives
 
@@ -7,6 +7,7 @@ __all__ = [
     "HIGHEST_ORDER",
     "Arc",
     "Condition",
+    "Ends",
     "ExactLaw",
     "Law",
     "Line",

@@ -25,11 +25,13 @@ COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # o
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (9, 3)))
 CROSSING = "#444444"
 # Each of the colours below has one meaning. Blue, orange and yellow are left to the robots.
-LOCUS, TWIST, WRENCH = "#6212a8", "#14181d", "#a81560"
+LOCUS = "#6212a8"
+TWIST, WRENCH = "#14181d", "#a81560"
 PATH = "#00a572"
 GIVEN = "#70baff"  # forces that the motors can give
 BAND: Style = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
-ALARM, GOOD = "#c8141e", "#14504f"
+ALARM = "#c8141e"
+GOOD = "#14504f"
 LINE, AXIS = "#d8dde3", "#9aa4af"
 UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
 PAGE_COLORS = {  # by their names in the CSS of the pages
