@@ -157,7 +157,7 @@ def _transform(reference: Reference, E: Array, changes: MotionChanges, choice: _
     W = np.zeros((3, *E.shape[1:]))  # W and its two time derivatives
     W[0, :, range(n), range(n)] = 1.0
     rows = slice(n, n + len(joints))
-    for order, rate in enumerate((changes.q, changes.v, changes.a)):
+    for order, rate in enumerate((changes.q, changes.v, changes.accelerations[0])):
         W[order, :, rows] = rate[..., joints].swapaxes(1, 2)
     W[0, :, range(rows.stop, W.shape[2]), n + choice.others] = 1.0
     V = np.linalg.inv(W[0])
@@ -191,8 +191,8 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
     """
     M, D, K, B, _V = equations
     hh, hb, bh, bb = (np.ix_(np.arange(len(M)), rows, columns) for rows in (h, b) for columns in (h, b))
-    L_h: Array = -np.linalg.solve(K[bb], K[bh])
-    L_t: Array = np.linalg.solve(K[bb], B[:, b])
+    L_h: Array = np.asarray(-np.linalg.solve(K[bb], K[bh]), dtype=float)
+    L_t: Array = np.asarray(np.linalg.solve(K[bb], B[:, b]), dtype=float)
     L_hT = L_h.swapaxes(1, 2)
 
     def along_balance(matrix: Array) -> Array:
