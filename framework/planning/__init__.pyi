@@ -1,3 +1,4 @@
+from framework.planning.chain import chain_plans
 from framework.planning.condition import Condition8
 from framework.planning.feasibility import (
     Feasibility,
@@ -6,6 +7,7 @@ from framework.planning.feasibility import (
     feasibility_on_path,
     optimal_durations,
 )
+from framework.planning.joint_path import JointPath, choose_joint_path, in_joints
 from framework.planning.motion_table import Column, MotionTable
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.optimal.peak_bound import PeakBound, bound_plan
@@ -23,6 +25,7 @@ __all__ = [
     "Crossing",
     "CrossingPlan",
     "Feasibility",
+    "JointPath",
     "MotionTable",
     "NeglectedEffect",
     "OptimalDurations",
@@ -32,8 +35,11 @@ __all__ = [
     "PlanStudy",
     "Request",
     "bound_plan",
+    "chain_plans",
+    "choose_joint_path",
     "feasibility_at",
     "feasibility_on_path",
+    "in_joints",
     "load_plan",
     "optimal_durations",
     "plan_crossing",
