@@ -31,6 +31,7 @@ from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.output import Document, select_fields, write_files
+from framework.proofs.converted_reference import choose_reference
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
@@ -183,8 +184,8 @@ def run_convert(options: Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
     options.robot = _find_description(options.robot)
     parsed = arguments.parse_file(options, propose=propose)
-    description = parsed.description
-    remarks = list(parsed.remarks)
+    description, chosen = choose_reference(parsed)
+    remarks = [*parsed.remarks, *chosen]
     friction = _dry_friction(parsed)
     if friction:
         remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
@@ -196,7 +197,7 @@ def run_convert(options: Namespace) -> Report:
         "dialect": parsed.dialect,
         "file": str(written),
         "urdf": str(written.with_suffix(".urdf")),
-        "remarks": parsed.remarks,
+        "remarks": [*parsed.remarks, *chosen],
         "left_out": description.left_out,
     }
     loops = [closure.name for closure in description.closures]

@@ -395,19 +395,21 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its two joints as indices into the velocity vector and into q.
+    """Return a coupling with its joints as indices into the velocity vector and into q.
 
     The two indices of a joint differ if a ball precedes it, as a ball has four entries of q and three rates.
     """
-    follower = model.joints[model.getJointId(coupling.joint)]
-    leader = model.joints[model.getJointId(coupling.of)]
+    names = coupling.joints
+    joints = [model.joints[model.getJointId(name)] for name in names]
     return CoupledJoints(
         name=coupling.name,
-        columns=(follower.idx_v, leader.idx_v),
-        places=(follower.idx_q, leader.idx_q),
-        ratio=coupling.ratio,
-        offset=coupling.offset,
-        turns=not is_slide(follower),
+        columns=tuple(joint.idx_v for joint in joints),
+        places=tuple(joint.idx_q for joint in joints),
+        terms={
+            tuple(product.count(name) for name in names): coefficient
+            for product, coefficient in coupling.equation.items()
+        },
+        turns=not is_slide(joints[0]),
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
+from framework.model.description import ParsedRobot, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
@@ -30,8 +30,8 @@ from framework.numerics.fields import list_of, read_table
 from framework.numerics.input import read_text
 
 
-def read_robot_file(file: str | Path) -> RobotDescription:
-    """Read the description in a robot file.
+def read_robot_file(file: str | Path, given: Mapping[str, float] | None = None) -> RobotDescription:
+    """Read the description in a robot file, with `given` values of some of its parameters.
 
     Raises:
         RobotFileError: the file or its URDF is missing or malformed; a key is missing or unknown; a value has
@@ -40,7 +40,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     with prefix_errors(path):
-        text, parameters = fill_parameters(text)
+        text, parameters = fill_parameters(text, given)
         return parse_robot(path, parse_yaml(text), parameters).description
 
 
@@ -93,11 +93,13 @@ def describe_tree(
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
 
-    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):
+    remaining, coupled_to_locked = lock_couplings(robot["couplings"], locked)
+    if coupled_to_locked:
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, {**content, "locked": {**locked, **coupled_to_locked}}, parameters)
 
     _merge_joint_springs(robot, locked)
+    robot["couplings"] = tuple(remaining)
     _drop_locked_joints(robot, locked)
 
     description = RobotDescription(
@@ -134,11 +136,10 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints.
+    """Drop the springs and entries of locked joints.
 
     `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
     """
-    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):

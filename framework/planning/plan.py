@@ -417,6 +417,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     evidence = getattr(refusal, "evidence", None)
     if not isinstance(evidence, SearchEvidence):
         return None
+    if evidence.start_speed is not None:
+        return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:
         return {"longest" if request.duration is None else "duration": evidence.duration}
     if evidence.limits is None:

@@ -200,7 +200,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > FILE_ROUNDING:
+    if certificate.end_speed > FILE_ROUNDING and not any(plan.request.ends.moving):
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -134,6 +135,38 @@ class CrossingPlan:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv); a scalar t gives (nv,)."""
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
+
+    def restart(
+        self, t: float, path: Path | Array | Sequence[float] | None = None, **options: Any
+    ) -> CrossingPlan:
+        """Plan on from an instant t [s], along another path, to a goal, or along the rest of this path.
+
+        The new plan starts with the position, speed and acceleration that this one has at t, and with its
+        torques; `chain_plans` makes one motion of both.
+
+        Args:
+            t: in (0, duration], where the platform moves.
+            path: starts at platform(t), in the direction of its motion and with its curvature; of an elastic
+                robot also with its derivatives up to order 4. Platform coordinates (n,) are the goal of a
+                curve that does so.
+            options: those of `plan_crossing` except start_speed, such as duration, end_speed or limits;
+                friction, geometry and wrenches are those of this plan if not given.
+
+        Raises:
+            InvalidInput: the path does not continue the motion, or an option is invalid.
+            NoAnswer: as `plan_crossing`.
+
+        Example:
+            >>> from framework import Line, load_robot, plan_crossing
+            >>> path = Line([0.1, 0.345], [-0.05, 0.195])
+            >>> plan = plan_crossing(load_robot("five_bar"), path, duration=1.5)
+            >>> slower = plan.restart(0.5, duration=2.0)
+            >>> bool(abs(slower.torque(0.0) - plan.torque(0.5)).max() < 1e-9)
+            True
+        """
+        chain = import_module("framework.planning.chain")  # which plans, and so stands above this module
+        restarted: CrossingPlan = chain.restart_plan(self, t, path, **options)
+        return restarted
 
     @cached_property
     def peak_torque(self) -> dict[str, float]:

@@ -114,12 +114,11 @@ def _no_law_near(task: Task) -> NotConverged:
     )
 
 
-def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
-    """Check that springs start and stop at rest, as the law does.
+def check_rest(dynamics: InverseDynamics, law: OptimalLaw) -> None:
+    """Check that springs are at rest at the ends where the law is.
 
     Args:
-        dynamics: the motion.
-        smoothness: number of derivatives of the law that vanish at both ends.
+        dynamics: the motion under the law.
 
     Raises:
         NotConverged: the rate of a spring at an end is more than MAX_END_RATE of its largest, or the
@@ -131,10 +130,11 @@ def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
         values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
-        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        is_at_rest = [not is_moving for is_moving in law.moving]
+        at_ends = (values[[0, -1]][is_at_rest][:, counted] / largest[counted]).max(initial=0.0)
         if at_ends > allowed:
             raise NotConverged(
                 f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
-                f"most {allowed:g}), though {smoothness} derivatives of the law vanish there",
+                f"most {allowed:g}), though {law.smoothness} derivatives of the law vanish there",
                 residual=float(at_ends),
             )

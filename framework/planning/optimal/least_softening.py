@@ -56,8 +56,12 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         -softening.offset / largest,
     )
     positive = program.positive_rows
-    # a law must advance everywhere; the program has no strict z > 0, but a lower bound
-    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
+    # a law must advance everywhere; the program has no strict z > 0, but a lower bound, below z at the ends
+    ends = problem.specification.ends
+    is_moving = list(ends.moving)
+    speeds = ends.derivatives(1)[is_moving, 0] / problem.task.phi(np.array([0.0, 1.0])[is_moving], 1)
+    least = min([LEAST_SQUARED_SPEED, *(0.5 * speeds**2 / unit)])
+    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -least))
     optimum = solve_cone_program(
         ConeProgram(
             {"y": program.basis.size, "rho": 1},
