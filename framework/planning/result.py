@@ -23,6 +23,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
+from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, PathToCross
@@ -225,6 +226,8 @@ class CrossingPlan:
         for joint, excess in positions_beyond_limits(limits, q).items():
             yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
 
+    _repr_mimebundle_ = notebook_picture("plan_picture")
+
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
@@ -245,6 +248,17 @@ class CrossingPlan:
             columns: names of columns, or prefixes that several names share, such as torque; all by default.
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
+
+    def save(self, folder: str | PathLike[str]) -> FilePath:
+        """Write plan.json into a folder, for `load_plan`, and return the file.
+
+        Raises:
+            InvalidInput: the path or the law is a function of your own, which cannot be written.
+            OutputError: it cannot be written.
+        """
+        from framework.planning import save_plan
+
+        return save_plan(self, folder)
 
     def to_csv(
         self,

@@ -130,7 +130,7 @@ _PLAN_TABLE: Table = {
 # ------------------------------------------------------------------ writing
 
 
-def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
+def save_plan(plan: CrossingPlan, folder: str | os.PathLike[str]) -> FilePath:
     """Write plan.json into a folder, for `load_plan`, and return the file.
 
     Raises:
