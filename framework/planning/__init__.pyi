@@ -1,4 +1,3 @@
-from framework.planning.chain import chain_plans
 from framework.planning.condition import Condition8
 from framework.planning.feasibility import (
     Feasibility,
@@ -7,7 +6,7 @@ from framework.planning.feasibility import (
     feasibility_on_path,
     optimal_durations,
 )
-from framework.planning.joint_path import JointPath, choose_joint_path, in_joints
+from framework.planning.joint_path import choose_joint_path, in_joints
 from framework.planning.motion_table import Column, MotionTable
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.optimal.peak_bound import PeakBound, bound_plan
@@ -25,7 +24,6 @@ __all__ = [
     "Crossing",
     "CrossingPlan",
     "Feasibility",
-    "JointPath",
     "MotionTable",
     "NeglectedEffect",
     "OptimalDurations",
@@ -35,7 +33,6 @@ __all__ = [
     "PlanStudy",
     "Request",
     "bound_plan",
-    "chain_plans",
     "choose_joint_path",
     "feasibility_at",
     "feasibility_on_path",
