@@ -37,9 +37,9 @@ from framework.planning.plan import (
     NEARLY_STOPS,
     law_before_proof,
     max_torque_ratio,
-    plan_request,
 )
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
+from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
@@ -161,7 +161,7 @@ def _make_plan(
     progress.start("planning")
     if bend is None:
         with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
-            plan = plan_request(robot, request)
+            plan = plan_or_advise(robot, request)
         if level is None:
             return plan, {}, []
         return plan, {"fidelity": level._asdict()}, [f"  fidelity          {level.sentence}"]

@@ -332,7 +332,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool 
         if plan.law.degree > least_degree:
             reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
         if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed: try --law optimal"
+            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed"
     return replace(plan, reason=reason)
 
 
