@@ -171,10 +171,14 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
     add_number(loop, "--known-delay", "T", "from measurement to torque [s], of all (default: 0)", default=0.0)
     add_number(
-        loop, "--counts", "N", "of motor encoders a turn, motor side (default: without steps)", default=0.0
+        loop, "--counts", "N", "of motor encoders [1/turn], motor side (default: without steps)", default=0.0
     )
     add_number(
-        loop, "--link-counts", "N", "of encoders of links and elbows (default: without steps)", default=0.0
+        loop,
+        "--link-counts",
+        "N",
+        "of encoders of links and elbows [1/turn] (default: without steps)",
+        default=0.0,
     )
     add_number(
         loop,

@@ -184,7 +184,7 @@ def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
     raise SpringsTooSoft(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
         f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
-        f"{at_rest.grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
+        f"{at_rest.grid.times[instant]:.4g} s",
         residual=float(size[instant, k]),
     )
 

@@ -338,7 +338,7 @@ class _Refinement:
                 raise
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion; use stiffer springs or geometry rigid ({failure})",
+                f"this motion ({failure})",
                 residual=failure.residual,
             ) from None
         self.passes += solution.passes

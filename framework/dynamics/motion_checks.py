@@ -362,8 +362,7 @@ def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "
         f"{solution.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
-        f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking; use stiffer "
-        f"springs, geometry rigid, or another law",
+        f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking",
         residual=solution.change,
     )
 

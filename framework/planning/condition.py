@@ -118,7 +118,7 @@ def require_effect(
     if deflected and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
-            f"runs orthogonal to t_s; use stiffer springs, geometry rigid, or another direction",
+            f"runs orthogonal to t_s",
             residual=0.0,  # no iteration failed: the pose is exact, and alpha is 0
         )
     raise NoLaw(

@@ -147,7 +147,8 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
         raise NotConverged(
             f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
-            f"unresolved; take steps of {advised:.1g} s, or method stiff",
+            f"unresolved; as the error falls with the square of the step, about {advised:.1g} s leave a "
+            f"tenth of what is allowed (method stiff chooses its steps)",
             residual=error,
         )
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
@@ -227,7 +228,7 @@ def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) 
             if not all(np.all(np.isfinite(part)) for part in step.end):
                 raise NotConverged(
                     f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
-                    f"singular there; take a shorter step than {length:.3g} s, or method stiff",
+                    f"singular there; the steps are of {length:.3g} s (method stiff chooses its own)",
                     residual=start,
                 )
             states.append(step.end)

@@ -25,7 +25,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
-from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
+from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE
 
@@ -108,8 +108,7 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
 def _no_law_near(task: Task) -> NotConverged:
     """Return the refusal of a task if no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular; use "
-        f"{other_law(task)}stiffer springs, or geometry rigid",
+        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular",
         residual=np.inf,
     )
 

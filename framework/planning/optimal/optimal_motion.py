@@ -42,7 +42,6 @@ from framework.planning.optimal.optimal_task import (
     check_single_crossings,
     check_speeds,
     find_crossing_points,
-    other_law,
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
@@ -168,8 +167,7 @@ def _find_motion(task: Task) -> OptimalMotion:
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
-            f"rigid; use {other_law(task)}flexibility rigid"
+            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
@@ -287,8 +285,7 @@ class _ElasticSearch:
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
-            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
-            f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
+            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
             residual=abs(excess - 1.0),
         )
 
@@ -437,8 +434,7 @@ class _ElasticSearch:
             raise NoLaw(
                 f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
-                f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance); "
-                f"use stiffer springs or geometry rigid",
+                f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance)",
                 evidence=least,
             )
 

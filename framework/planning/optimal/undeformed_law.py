@@ -27,7 +27,6 @@ from framework.planning.optimal.optimal_task import (
     check_speeds,
     conditions_at,
     find_crossing_points,
-    other_law,
 )
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
@@ -112,8 +111,7 @@ def _settle_damping(
         if error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough:
             return result._replace(law=_meet_conditions(problem, points, result.law))
     raise NotConverged(
-        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
-        f"use {other_law(problem.task)}another duration",
+        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes",
         residual=error,
     )
 
