@@ -71,26 +71,32 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     """
     if len(plans) < 2:
         raise InvalidInput(f"plans: a chain needs at least two, got {len(plans)}")
-    leaves = [*(times or [plan.duration for plan in plans[:-1]]), plans[-1].duration]
+    leaves = [*(times if len(times) else [plan.duration for plan in plans[:-1]]), plans[-1].duration]
     if len(leaves) != len(plans):
         raise InvalidInput(f"times: needs {len(plans) - 1}, one for each plan but the last, got {len(times)}")
     for plan, following, leave in zip(plans, plans[1:], leaves, strict=False):
         _check_instant(plan, leave)
         _check_seam(plan, leave, following)
-    if any(entry.rows.ndim == 2 for plan in plans for entry in plan.dynamics.wrenches.entries):
-        raise InvalidInput("plans: wrenches that are tables over a path cannot be chained")
+    wrenches = plans[0].request.wrenches
+    if any(plan.request.wrenches != wrenches for plan in plans) or any(
+        entry.rows.ndim == 2 for entry in plans[0].dynamics.wrenches.entries
+    ):
+        raise InvalidInput(
+            "plans: only those with the same wrenches, which do not depend on s, can be chained"
+        )
 
     path = MotionPath(tuple(plan.dynamics for plan in plans), tuple(leaves))
     law = Law(np.array([0.5, 0.5]), path.duration)
     friction = motor_friction(plans[0].robot, plans[0].request.friction)
     dynamics = _join(path, law, friction)
     speed = 1.0 / path.duration
-    crossings = tuple(
-        replace(crossing, s=time * speed, time=time, speed=speed, acceleration=0.0, condition=None)
-        for k, plan in enumerate(plans)
-        for crossing in plan.crossings
-        if crossing.time < leaves[k] and (time := float(path.starts[k]) + crossing.time)
-    )
+    crossings = []
+    for plan, start, leave in zip(plans, path.starts.tolist(), leaves, strict=False):
+        for crossing in plan.crossings:
+            if crossing.time < leave:
+                time = start + crossing.time
+                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
+                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     request = replace(
         plans[0].request,
         path=path,
@@ -109,7 +115,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         plans[0].robot,
         request,
         law,
-        crossings,
+        tuple(crossings),
         dynamics,
         dynamics.certificate,
         seconds=sum(plan.seconds for plan in plans),
@@ -248,9 +254,11 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
 
     Motor angles and speeds, platform, torques and deflections are compared, over the largest of the plan.
     """
-    if following.robot is not plan.robot and following.robot.name != plan.robot.name:
-        raise InvalidInput(f"plans: of {plan.robot.name} and of {following.robot.name}")
-    robot = plan.robot
+    robot, other = plan.robot, following.robot
+    if other is not robot and (other.name, other.flexibility) != (robot.name, robot.flexibility):
+        raise InvalidInput(
+            f"plans: of {robot.name}, {robot.flexibility}, and of {other.name}, {other.flexibility}"
+        )
     samples = np.linspace(0.0, plan.duration, 201)
     compared = [
         ("motor angle", CrossingPlan.motor_angle, 0),
@@ -287,6 +295,12 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
         ]
         return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(padded))
 
+    crossings = []
+    for piece, start, leave in zip(path.pieces, path.starts.tolist(), path.leaves, strict=False):
+        for crossing in piece.crossings:
+            if crossing.time < leave:
+                time = start + crossing.time
+                crossings.append(replace(crossing, time=time, s=time / path.duration))
     motor_angles = join([piece.motor_angles for piece in path.pieces])
     certificates = [asdict(piece.certificate) for piece in path.pieces]
     worst = {name: max(each[name] for each in certificates) for name in certificates[0]}
@@ -303,12 +317,7 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
         deflections=join([piece.deflections for piece in path.pieces]),
         deflection_rates=tuple(join([piece.deflection_rates[k] for piece in path.pieces]) for k in range(2)),
         offsets=join([_offsets_from(first.origin, piece) for piece in path.pieces]),
-        crossings=tuple(
-            replace(crossing, time=float(time), s=float(time / path.duration))
-            for piece, start, leave in zip(path.pieces, path.starts, path.leaves, strict=False)
-            for crossing in piece.crossings
-            if crossing.time < leave and (time := start + crossing.time)
-        ),
+        crossings=tuple(crossings),
         certificate=Certificate(**{**worst, **totals, "monotone": monotone, "end_speed": end_speed}),
         friction=PlannedFriction.from_speed(friction, partial(motor_angles, order=1), path.duration),
     )
