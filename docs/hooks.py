@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 from html import unescape
 from pathlib import Path
@@ -63,7 +64,7 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def notebook_page(file: Path) -> str:
     """Return a stored notebook as a page: text, code, and what it printed and drew."""
-    parts = []
+    parts = [colab_link(file)]
     for cell in json.loads(file.read_text(encoding="utf-8"))["cells"]:
         source = "".join(cell["source"])
         if cell["cell_type"] == "markdown":
@@ -79,7 +80,17 @@ def notebook_page(file: Path) -> str:
             else:
                 text = "".join(output.get("text", data.get("text/plain", "")))
                 parts.append(f"```text\n{text}\n```")
-    return "\n\n".join(parts)
+    return "\n\n".join(filter(None, parts))
+
+
+def colab_link(file: Path) -> str:
+    """Return the link that opens a notebook of a tag in Colab, and what to install there first."""
+    repository, tag = os.environ.get("GITHUB_REPOSITORY"), os.environ.get("GITHUB_REF_NAME", "")
+    if not (repository and tag.startswith("v")):
+        return ""
+    address = f"https://colab.research.google.com/github/{repository}/blob/{tag}/notebooks/{file.name}"
+    install = f"%pip install git+https://github.com/{repository}@{tag}"
+    return f"[Open in Colab]({address}), and run `{install}` in a first cell."
 
 
 def relinked(text: str) -> str:
