@@ -120,6 +120,15 @@ COMMANDS = {
         ),
         "robustness",
     ),
+    "transmission": Command(
+        "a linkage as a transmission: inertia, limits, friction and backlash that a joint feels behind it, "
+        "and the error of a static mapping of torques",
+        (
+            "crossing transmission humanoid_ankle --out ankle",
+            "crossing transmission humanoid_knee --posture 1",
+        ),
+        "transmission",
+    ),
     "show": Command(
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
         ("crossing show five_bar --scene A B C", "crossing show move --html crossing.html"),

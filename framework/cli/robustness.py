@@ -22,10 +22,11 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.by_name import CONTROLLERS, Tuning
+from framework.control.by_name import CONTROLLERS
 from framework.control.closed_loop import Run
 from framework.control.linear_model import DISTURBANCES
 from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.regulators import Tuning
 from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
     FILE,
