@@ -56,7 +56,7 @@ class MappingError(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Transmission(ReadOnlyArrays):
+class LinkageTransmission(ReadOnlyArrays):
     """A linkage as a transmission at P poses, platform's side, per unit rates of its coordinates."""
 
     robot: ParallelRobot
@@ -91,7 +91,7 @@ def transmission(
     posture: ArrayLike | None = None,
     frequencies: Sequence[float] = FREQUENCIES,
     points: int | None = None,
-) -> Transmission:
+) -> LinkageTransmission:
     """Compute the linkage as a transmission over a box of platform coordinates.
 
     Args:
@@ -141,7 +141,7 @@ def transmission(
     links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
     motors = G / robot.gear_ratio[:, None]  # dq_a/dx
     G0, _ = _rates(robot, assemble(robot, x0).q[None])
-    return Transmission(
+    return LinkageTransmission(
         robot=robot,
         x=np.array(poses),
         gear=G,

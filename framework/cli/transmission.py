@@ -6,7 +6,7 @@ from argparse import Namespace
 
 import numpy as np
 
-from framework.atlas.transmission import FREQUENCIES, MappingError, Transmission, transmission
+from framework.atlas.transmission import FREQUENCIES, LinkageTransmission, MappingError, transmission
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_robot, integer_between
@@ -67,7 +67,7 @@ def run_transmission(options: Namespace) -> Report:
     return document, _format(document)
 
 
-def _make_document(result: Transmission) -> Document:
+def _make_document(result: LinkageTransmission) -> Document:
     """Return the transmission as a document: ranges over the poses, by axis of the platform."""
     robot = result.robot
     torques, speeds = result.axis_limits("wrenches"), result.axis_limits("speeds")

@@ -11,21 +11,24 @@ Open `study` first (many runs), then `closed_loop` (the loop over sampling perio
 * `variations`: random robots that differ from the model as `Spread` says; `sensors`: the `ControlLoop`;
 * `closed_loop`: `run_closed_loop` drives these robots, with friction and delay between them and a controller;
 * `deviation`, `prediction`: standard deviations of the closed loop without runs, by sensors;
+* `table`, `run_table`: a controller as CSV, and a program that runs one without this package;
 * `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs, `load_study`
   reads a study that `crossing robustness --out` wrote;
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
+from framework.control import run_table
 from framework.control.by_name import CONTROLLERS, tuned_controller
 from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import Controller, Measurement
 from framework.control.linear_model import LinearModel, linearise_plan
-from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.reference import Reference, reference_of
 from framework.control.regulators import Tuning
 from framework.control.sensors import ControlLoop
 from framework.control.study import Study, StudySetup, load_study, run_study
+from framework.control.table import controller_table
 from framework.control.variations import Spread, Variation, draw
 
 __all__ = [
@@ -34,8 +37,8 @@ __all__ = [
     "ControlLoop",
     "Controller",
     "LinearModel",
+    "LoopPrediction",
     "Measurement",
-    "Prediction",
     "Reference",
     "Run",
     "Spread",
@@ -43,6 +46,7 @@ __all__ = [
     "StudySetup",
     "Tuning",
     "Variation",
+    "controller_table",
     "draw",
     "linearise_plan",
     "load_study",
@@ -51,6 +55,7 @@ __all__ = [
     "reference_of",
     "run_closed_loop",
     "run_study",
+    "run_table",
     "suggest_sensors",
     "tuned_controller",
 ]

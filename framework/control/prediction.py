@@ -38,11 +38,18 @@ from framework.tolerances import MAX_PREDICTED_SHARE
 # of lqg, tried in turn: factors on the noise that the filter expects of its model, and on the torque share
 CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33))
 LEAST_ROOM = 0.05  # share of the peak torque
-SENSOR_SETS = ("motors", "motors links", "motors elbows", "motors links elbows", "motors platform")
+SENSOR_SETS = (
+    "motors",
+    "motors links",
+    "motors elbows",
+    "motors links elbows",
+    "motors platform",
+    "motors links elbows platform",
+)
 
 
 @dataclass(frozen=True)
-class Prediction:
+class LoopPrediction:
     """Largest standard deviations along the plan, of one controller with its sensors."""
 
     controller: str
@@ -55,7 +62,7 @@ class Prediction:
         return self.platform <= MAX_PREDICTED_SHARE * tolerance
 
 
-def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread) -> Prediction | None:
+def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread) -> LoopPrediction | None:
     """Predict the deviations of a controller; None for one that is not linear, or does not see all.
 
     Args:
@@ -82,7 +89,7 @@ def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread
     return _predict_feedback(name, Feedback(gain, delay, None, predicts=False), loop, models)
 
 
-def _predict_regulator(controller: Regulator, loop: ControlLoop, models: LinearModels) -> Prediction:
+def _predict_regulator(controller: Regulator, loop: ControlLoop, models: LinearModels) -> LoopPrediction:
     """Predict the deviations of lqg, or of lqr that measures the whole state."""
     gain = controller.gain
     if controller.filter is not None:
@@ -97,7 +104,9 @@ def _predict_regulator(controller: Regulator, loop: ControlLoop, models: LinearM
     return _predict_feedback("lqg", Feedback(gain, controller.delay, observer, predicts=True), loop, models)
 
 
-def _predict_feedback(name: str, feedback: Feedback, loop: ControlLoop, models: LinearModels) -> Prediction:
+def _predict_feedback(
+    name: str, feedback: Feedback, loop: ControlLoop, models: LinearModels
+) -> LoopPrediction:
     """Predict the deviations of a feedback on the model and on robots with other springs."""
     reference, model = models.reference, models.model
     start = prior_deviations(reference, model, models.spread)
@@ -109,7 +118,7 @@ def _predict_feedback(name: str, feedback: Feedback, loop: ControlLoop, models: 
         x = deviation.z[:, : reference.robot.n] / reference.robot.platform_scale
         platform = max(platform, float(x.max()))
         torque = max(torque, float((deviation.torque / peak).max()))
-    return Prediction(name, loop.sensors, platform, torque)
+    return LoopPrediction(name, loop.sensors, platform, torque)
 
 
 class LinearModels(NamedTuple):
@@ -132,7 +141,7 @@ class LinearModels(NamedTuple):
         model = linearise_plan(reference, kinds)
         return LinearModels(reference, spread, tuning, model, varied_models(reference, model, spread))
 
-    def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, Prediction]:
+    def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
         """Return lqg for the sensors of the loop with the first CAUTIONS that are predicted to pass.
 
         If none is, take the one with the least prediction over what is allowed.
@@ -141,7 +150,7 @@ class LinearModels(NamedTuple):
         peak = np.abs(reference.torque).max(axis=0)
         limit = np.array(loop.limit) if loop.limit is not None else reference.torque_limit
         room = max(float((limit / peak).min()) - 1.0, LEAST_ROOM)  # share of the peak left to feedback
-        best: tuple[float, Regulator, Prediction] | None = None
+        best: tuple[float, Regulator, LoopPrediction] | None = None
         for noise, torque in CAUTIONS if others else CAUTIONS[:1]:
             weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
             controller = tune_lqg(
@@ -179,7 +188,7 @@ def predict_by_sensors(
     *,
     tuning: Tuning | None = None,
     sets: Sequence[str] = SENSOR_SETS,
-) -> list[Prediction]:
+) -> list[LoopPrediction]:
     """Predict the deviations of lqg for each set of sensors that the robot can have.
 
     Args:
@@ -193,7 +202,7 @@ def predict_by_sensors(
         InvalidInput: a motion of the platform moves no mass.
     """
     models = LinearModels.of(reference, spread, tuning or Tuning())
-    predictions: list[Prediction] = []
+    predictions: list[LoopPrediction] = []
     seen: list[Array] = []
     for sensors in sets:
         one = replace(loop, sensors=sensors)
@@ -209,6 +218,6 @@ def predict_by_sensors(
     return predictions
 
 
-def suggest_sensors(predictions: Sequence[Prediction], tolerance: float) -> Prediction | None:
+def suggest_sensors(predictions: Sequence[LoopPrediction], tolerance: float) -> LoopPrediction | None:
     """Return the first prediction that keeps the tolerance [robot lengths, rad]; None if none does."""
     return next((one for one in predictions if one.is_within(tolerance)), None)

@@ -26,7 +26,7 @@ from framework.control.sensors import (
     PLATFORM_NOISE,
     STATE,
     ControlLoop,
-    Sensors,
+    LoopSensors,
     sensors_of,
 )
 from framework.control.variations import Spread
@@ -87,7 +87,7 @@ class Tuning:
 class Filter(ReadOnlyArrays):
     """A Kalman filter of z from s readings: y = C z + D tau + noise."""
 
-    sensors: Sensors
+    sensors: LoopSensors
     C: Array  # (K, s, N)
     D: Array  # (K, s, n_a)
     deviation: Array  # (s,) standard deviations of the noise of the readings alone
@@ -333,7 +333,7 @@ def tune_filter(
 
 
 def _sensor_rows(
-    reference: Reference, model: LinearModel, sensors: Sensors, spread: Spread
+    reference: Reference, model: LinearModel, sensors: LoopSensors, spread: Spread
 ) -> tuple[Array, Array, Array, Array]:
     """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau, and two deviations (s,).
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from framework.atlas.transmission import MappingError, Transmission
+from framework.atlas.transmission import LinkageTransmission, MappingError
 from framework.numerics.arrays import IntArray
 from framework.show.captions import display_name
 from framework.show.style import legend_above
@@ -26,7 +26,7 @@ def _panels(count: int) -> list[Axes]:
     return list(drawing.subplots(1, count, squeeze=False)[0])
 
 
-def _line(result: Transmission, axis: int) -> IntArray:
+def _line(result: LinkageTransmission, axis: int) -> IntArray:
     """Return the poses (k,) nearest to the line along an axis through the posture, in order."""
     others = np.delete(np.arange(result.robot.n), axis)
     off = np.abs(result.x[:, others] - result.posture[others]).sum(axis=1)
@@ -34,7 +34,7 @@ def _line(result: Transmission, axis: int) -> IntArray:
     return line[np.argsort(result.x[line, axis])]
 
 
-def plot_inertia(result: Transmission) -> Axes:
+def plot_inertia(result: LinkageTransmission) -> Axes:
     """Plot the parts of the inertia about each axis, along it through the posture."""
     panels = _panels(result.robot.n)
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
@@ -48,7 +48,7 @@ def plot_inertia(result: Transmission) -> Axes:
     return panels[0]
 
 
-def plot_limits(result: Transmission) -> Axes:
+def plot_limits(result: LinkageTransmission) -> Axes:
     """Plot torques and speeds that the motors allow: polygons of two axes, else curves."""
     panels = _panels(2)
     for ax, kind, word in zip(panels, ("wrenches", "speeds"), ("torque", "speed"), strict=True):
@@ -66,7 +66,7 @@ def plot_limits(result: Transmission) -> Axes:
     return panels[0]
 
 
-def _draw_polygons(result: Transmission, ax: Axes, kind: str) -> None:
+def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
     """Draw the polygons of the posture and of the ends of both axes through it."""
     lines = [_line(result, k) for k in (0, 1)]
     posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
@@ -84,7 +84,7 @@ def _draw_polygons(result: Transmission, ax: Axes, kind: str) -> None:
     ax.legend(fontsize=6, title="at", title_fontsize=6)
 
 
-def plot_mapping(result: Transmission) -> Axes:
+def plot_mapping(result: LinkageTransmission) -> Axes:
     """Plot the errors of the static mapping over frequency, on the axis of each sine."""
     panels = _panels(result.robot.n)
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):

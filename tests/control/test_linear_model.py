@@ -1,5 +1,6 @@
 """The linear model about a plan, against the robot's own motion; lqr and lqg on it, and what is predicted."""
 
+import importlib.util
 from dataclasses import replace
 from functools import cache
 
@@ -237,3 +238,28 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
     )
     assert "--sweep" in refusal(2, *short, "--sweep", "colour=1..2")
     assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e-2])
+def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, delay):
+    """A program of its own reads the table, and asks for the same torques to rounding."""
+    file = tmp_path / "move.csv"
+    words = ("export", "five_bar", "--scene", "C", "--smoothness", "4", "--to", "controller")
+    numbers = ("--period", "5e-3", "--known-delay", str(delay), "--sensors", "motors", "elbows")
+    assert crossing(*words, *numbers, "--out", file)[0] == 0
+    spec = importlib.util.spec_from_file_location("exported", tmp_path / "move_run.py")
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    alone = program.TableController(file)
+
+    plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
+    ref = reference_of(plan, period=5e-3)
+    loop = ControlLoop(sensors="motors elbows", delay=delay, counts=8192, link_counts=2**18)
+    ours = tuned_controller("lqg", ref, loop=loop, spread=Spread(payload=0.1, friction=0.05)).start(1)
+    random = np.random.default_rng(2)
+    S = ours.regulator.filter.sensors.joints.S
+    for k in range(40):
+        off = 1e-3 * random.standard_normal(len(S))
+        measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])
+        expected = ours.torque(k, measured)[0]
+        np.testing.assert_allclose(alone.update(S @ ref.motion.q[k] + off), expected, rtol=1e-6, atol=1e-9)
