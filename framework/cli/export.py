@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from argparse import Namespace
 from collections.abc import Callable
@@ -24,10 +25,10 @@ from framework.cli.parser import (
 from framework.control import (
     ControlLoop,
     Spread,
+    TableController,
     controller_table,
     predict,
     reference_of,
-    run_table,
     tuned_controller,
 )
 from framework.errors import InvalidInput, NoAnswer
@@ -86,8 +87,8 @@ def add_export_options(parser: OneLineParser) -> None:
         "--out",
         metavar="FILE",
         required=True,
-        help="NAME.xml, for ros2_control NAME.yaml or NAME.json, NAME.csv, for a lesson NAME.html, for a "
-        "controller NAME.csv with NAME.json and NAME_run.py",
+        help="NAME.xml, for ros2_control NAME.yaml or .json, NAME.csv, for a lesson NAME.html, for a "
+        "controller NAME.csv with NAME.json and NAME_run.py; - is stdout",
     )
     add_overwrite(parser)
     parser.add_argument(
@@ -120,9 +121,12 @@ def add_export_options(parser: OneLineParser) -> None:
 
 def run_export(options: Namespace) -> Report:
     """Write the complete file, and what stands beside it, or none."""
-    file = FilePath(options.out)
+    to_stdout = options.out == "-"
+    file = FilePath(f"stdout{SUFFIXES[options.program][0]}" if to_stdout else options.out)
     _check_options(options, file)
     robot, texts, lines = WRITERS[options.program](options, file)
+    if to_stdout:
+        return {"robot": robot.name, "format": options.program, "text": texts[file]}, [texts[file].rstrip()]
     write_files(texts, option="--out", overwrite=options.overwrite)
     document = {
         "robot": robot.name,
@@ -169,7 +173,7 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
     texts = {
         file: table,
         file.with_suffix(".json"): json_text(description),
-        program: FilePath(run_table.__file__).read_text(encoding="utf-8"),
+        program: FilePath(inspect.getfile(TableController)).read_text(encoding="utf-8"),
     }
     prediction = predict("lqg", controller, loop, spread)
     lines = ["lqg as a table", f"described in {file.with_suffix('.json').name}, run by {program.name}"]

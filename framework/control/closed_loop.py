@@ -31,6 +31,7 @@ from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
 from framework.simulation.equations import State
+from framework.tolerances import AT_REST
 
 # ------------------------------------------------------------------ the closed loop
 
@@ -229,7 +230,7 @@ class _VariedRobots(NamedTuple):
     def of(
         ref: Reference, loop: ControlLoop, spread: Spread, variations: Sequence[Variation]
     ) -> _VariedRobots:
-        """Place the robots at rest at the start of the plan, loops closed.
+        """Place the robots at the start of the plan, with its speed, loops closed.
 
         Args:
             loop: sensors and known delay.
@@ -246,7 +247,10 @@ class _VariedRobots(NamedTuple):
             stepper = Stepper.of(varied_robots, like=ref.robot)
             copies = (len(variations), 1)
             q = np.tile(ref.motion.q[0], copies)
-            start = stepper.start(q, torque=np.tile(ref.torque[0], copies), world=world)
+            v = ref.motion.v
+            planned = np.where(np.abs(v[0]) > AT_REST * np.abs(v).max(), v[0], 0.0)
+            torque = np.tile(ref.torque[0], copies)
+            start = stepper.start(q, np.tile(planned, copies), torque, world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"

@@ -408,7 +408,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
 
     motions = frame_motions(robot, frames, v)
     platform_part = twist_rate - robot.platform.drift(motions)
-    loop_part = -closure_drift(rows, motions)
+    loop_part = -closure_drift(rows, motions, state.q, v)
     if planned is not None:
         loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))

@@ -108,11 +108,11 @@ def linearise_plan(
     changes = coordinate_changes(robot, motion, steps, rates)
     force_changes = driven_force_changes(robot, motion, joint_torque, changes)
     d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints, which rest
-    changes = MotionChanges(*(change[:, :d] for change in changes))
+    changes = MotionChanges(*(change[..., :d, :] for change in changes))
     E = matmul(changes.q, force_changes[:, :, :d].swapaxes(2, 3))  # (3, K, d, d)
 
     spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
-    at_some = MotionChanges(*(change[spread] for change in changes))
+    at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
     choice = like.choice if like else _choose_coordinates(reference, E[:, spread], at_some)
     equations = _transform(reference, E, changes, choice)
     h, b = choice.kept, choice.balanced  # b: indices of l
@@ -164,7 +164,7 @@ def _transform(reference: Reference, E: Array, changes: MotionChanges, choice: C
     W = np.zeros((3, *E.shape[1:]))  # W and its two time derivatives
     W[0, :, range(n), range(n)] = 1.0
     rows = slice(n, n + len(joints))
-    for order, rate in enumerate((changes.q, changes.v, changes.a)):
+    for order, rate in enumerate((changes.q, changes.v, changes.accelerations[0])):
         W[order, :, rows] = rate[..., joints].swapaxes(1, 2)
     W[0, :, range(rows.stop, W.shape[2]), n + choice.others] = 1.0
     V = np.linalg.inv(W[0])
@@ -198,8 +198,8 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
     """
     M, D, K, B, _V = equations
     hh, hb, bh, bb = (np.ix_(np.arange(len(M)), rows, columns) for rows in (h, b) for columns in (h, b))
-    L_h = -np.linalg.solve(K[bb], K[bh]).astype(float)
-    L_t = np.linalg.solve(K[bb], B[:, b]).astype(float)
+    L_h = np.asarray(-np.linalg.solve(K[bb], K[bh]), float)
+    L_t = np.asarray(np.linalg.solve(K[bb], B[:, b]), float)
     L_hT = L_h.swapaxes(1, 2)
 
     def along_balance(matrix: Array) -> Array:

@@ -42,7 +42,6 @@ from framework.planning.optimal.optimal_task import (
     check_single_crossings,
     check_speeds,
     find_crossing_points,
-    other_law,
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
@@ -142,6 +141,11 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
             return False
         return True
 
+    if evidence.start_speed is not None:
+        slower = task.specification.ends._replace(start=evidence.start_speed)
+        if has_motion(ends=slower):
+            return evidence
+        evidence = evidence._replace(start_speed=None)
     if evidence.quickest is not None:
         duration = round_up(evidence.quickest, PRINTED_DIGITS)
         bound = "longest" if task.specification.duration is None else "duration"
@@ -163,8 +167,7 @@ def _find_motion(task: Task) -> OptimalMotion:
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
-            f"rigid; use {other_law(task)}flexibility rigid"
+            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
@@ -282,8 +285,7 @@ class _ElasticSearch:
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
-            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
-            f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
+            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
             residual=abs(excess - 1.0),
         )
 
@@ -320,7 +322,7 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, None)
         else:
             law, dynamics = self._balance_law(law)
-        check_rest(dynamics, law.smoothness)
+        check_rest(dynamics, law)
         return OptimalMotion(dynamics, law, best)
 
     def _repeats_last_law(self, best: Best, stage: ElasticStage) -> bool:
@@ -432,8 +434,7 @@ class _ElasticSearch:
             raise NoLaw(
                 f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
-                f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance); "
-                f"use stiffer springs or geometry rigid",
+                f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance)",
                 evidence=least,
             )
 

@@ -58,17 +58,12 @@ class Task(NamedTuple):
 
     @property
     def phi(self) -> Smoothstep:
-        return Smoothstep(self.specification.smoothness)
+        return self.specification.phi
 
     @property
     def stretch(self) -> Stretch:
         """The map from sigma to xi, steep at the crossings of the undeformed robot."""
         return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
-
-
-def other_law(task: Task) -> str:
-    """Return the advice to try the polynomial law; empty if the plan tried that law already."""
-    return "law polynomial or " if task.request.kind == "optimal" else ""
 
 
 def find_crossing_points(task: Task) -> list[SingularPoint]:
@@ -175,5 +170,5 @@ def check_single_crossings(task: Task) -> None:
             event = "touches the locus" if corank == 1 else f"leaves {corank} motions uncontrolled"
             raise NoLaw(
                 f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "
-                f"crossings there or none; move the path off the locus or across it, or use geometry rigid"
+                f"crossings there or none; move the path off the locus or across it"
             )
