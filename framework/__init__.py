@@ -6,7 +6,7 @@ A robot, a path, and where the joints are:
 
 * `load_robot`: a `ParallelRobot`, by its name in the catalogue or by its file; `check_robot`: what a file
   describes, also a `Mechanism` whose loops do not close;
-* `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform;
+* `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform; `JointPath`: one given in joints;
 * `assemble`, `forward_kinematics`, `track_path`: the joints of a pose, and along a path;
   `forward_kinematics_stack`, `follow_motors`: of many motor angles at once, and as encoder samples come;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e.

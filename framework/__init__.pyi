@@ -45,6 +45,7 @@ from framework.laws.curves import Arc, Polyline, Spline
 from framework.laws.law import Condition, Law
 from framework.laws.path import Line
 from framework.planning.chain import chain_plans
+from framework.planning.joint_path import JointPath
 from framework.planning.plan import plan_crossing
 from framework.planning.plan_study import plan_study
 from framework.planning.result import CrossingPlan
@@ -65,6 +66,7 @@ __all__ = [
     "FrameworkError",
     "InvalidInput",
     "InverseDynamics",
+    "JointPath",
     "Law",
     "LimitsExceeded",
     "Line",

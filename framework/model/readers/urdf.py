@@ -203,13 +203,9 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     # the sum of angles of the driven joints is the ratio times that of the drivers
     drivers, driven = tree.moving_chains(first, second)
     arms = {joint.name: 1.0 for joint in driven} | {joint.name: -ratio for joint in drivers}
-    is_of_chains = len(arms) > 2 and (ratio != 1.0 or not tree.are_parallel_hinges([*drivers, *driven]))
-    if is_of_chains or not tree.equate(name, arms, 0.0, (second, first)):
+    if not tree.equate(name, arms, 0.0, (second, first)):
         listed = ", ".join(joint.name for joint in (*drivers, *driven))
-        raise RobotFileError(
-            f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
-            f"parallel axes"
-        )
+        raise RobotFileError(f"{where}: couples {listed}: needs joints of one freedom")
 
 
 def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:

@@ -601,7 +601,7 @@ class UrdfTree(Tree):
         # arms of the difference between the turns of both links
         arms_of_turn = {joint.name: 1.0 if joint in only_first else -1.0 for joint in joints}
         are_equal_turns = len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and not products
-        if are_equal_turns and self.are_parallel_hinges(joints):
+        if are_equal_turns and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
         coupled = {joint for product in equation for joint in product}
@@ -620,7 +620,7 @@ class UrdfTree(Tree):
         axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis
         return axis / np.linalg.norm(axis)
 
-    def are_parallel_hinges(self, joints: Sequence[Joint]) -> bool:
+    def _are_parallel_hinges(self, joints: Sequence[Joint]) -> bool:
         """Return whether joints are hinges about parallel axes, so that turns are sums of their angles.
 
         Hinges about opposite axes count as not parallel.
