@@ -117,6 +117,8 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
     try:
         return _complete_at_pose(partial, motions_near_reference(partial.description), by_joints=by_joints)
     except SingularReference as singular:
+        if not singular.poses:
+            raise
         beside = motions_near_reference(replace(partial.description, reference=singular.poses[0]))
         beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
         return _complete_at_pose(partial, beside, by_joints=by_joints)
