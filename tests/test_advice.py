@@ -169,7 +169,13 @@ def test_what_was_tried_is_not_advised(capsys, monkeypatch):
 def test_an_example_is_advised_where_it_runs_in_any_folder(capsys):
     shown = {name: run(capsys, f"{name} --nonsense")[2].partition("try: crossing ")[2] for name in COMMANDS}
     needing_files = {name for name, example in shown.items() if not example}
-    assert needing_files == {"calibrate", "identify", "report", "robots"}  # robots lacks nothing
+    assert needing_files == {
+        "calibrate",
+        "completion",
+        "identify",
+        "report",
+        "robots",
+    }  # robots lacks nothing
 
 
 def test_an_end_on_the_locus_has_no_remedy():

@@ -328,7 +328,9 @@ class BalanceEquations:
         """
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
-        is_at_rest = isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS
+        is_at_rest = (
+            isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS and not any(law.moving)
+        )
         if self.orders == 1 or not is_at_rest:
             return np.zeros((0, state.series.size + len(self.steps)))
         ends = splines.cells[[0, -1]]

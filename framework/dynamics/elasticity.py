@@ -43,11 +43,15 @@ LawChoice = Callable[[TimeFunction | None], MotionLaw]
 
 
 class Checkpoints(NamedTuple):
-    """The undeformed motion apart from the nodes: at crossings, then between nodes or along the motion."""
+    """The motion apart from the nodes: at crossings, then between nodes or along the motion."""
 
     times: Array  # (T,) [s]
     motion: Motion
     forces: Array  # (T, nv) r of the open tree
+
+    def select(self, which: slice) -> Checkpoints:
+        """Return the checkpoints `which`."""
+        return Checkpoints(self.times[which], self.motion.select(which), self.forces[which])
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import Pass, spring_scale
-from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
-from framework.dynamics.result import Certificate, InverseDynamics
+from framework.dynamics.elasticity import Checkpoints, Pass, spring_scale
+from framework.dynamics.forces import joint_forces, loop_multipliers
+from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
@@ -62,8 +62,8 @@ class MissingForces(NamedTuple):
     residual: Array  # (T, nv) the missing forces
 
 
-def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> Certificate:
-    """Return the certificate with the largest loop gap and residual torque, on and between nodes.
+def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> InverseDynamics:
+    """Return the result with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
 
@@ -84,12 +84,13 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
         poses.solved_residual,  # at `times`, with the errors of the series
         poses.residual[:, : robot.n],  # of the platform equations, at `times`
     )
-    return replace(
+    certificate = replace(
         result.certificate,
         max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
         max_residual_torque=float(np.abs(residual).max()),
         rounded_gap=_rounded_gap(robot, solution.motion.q),
     )
+    return replace(result, certificate=certificate)
 
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
@@ -169,10 +170,15 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
 
 
-def node_midpoints(grid: TimeGrid) -> Array:
-    """Return the instants (T,) [s] half-way between the nodes of each panel."""
-    middles = 0.5 * (grid.times[1:] + grid.times[:-1])
-    return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
+def check_instants(robot: ParallelRobot, grid: TimeGrid) -> Array:
+    """Return the instants (T,) [s] of checks: half-way between the nodes of each panel.
+
+    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
+    joints are checked on the nodes, too.
+    """
+    times = grid.times
+    middles = (0.5 * (times[1:] + times[:-1]))[times[1:] > times[:-1]]  # an inner edge is a node twice
+    return np.concatenate([middles, times]) if len(robot.structure.idle) else middles
 
 
 def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure | None:
@@ -198,29 +204,18 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
     return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> MissingForces:
-    """Compute the forces missing for balance between the nodes.
-
-    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
-    joints are checked on the nodes, too.
+def find_missing_forces(robot: ParallelRobot, solution: Pass, checkpoints: Checkpoints) -> MissingForces:
+    """Compute the forces missing for balance at checkpoints.
 
     Args:
         solution: motion and forces on the nodes of the grid.
-        result: the series through them.
+        checkpoints: the motion at other instants.
 
     Raises:
         NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
     """
-    robot = branch.robot
     _check_dropped_rows(robot, solution)
-    needs_nodes = len(robot.structure.idle) > 0
-    if result.geometry == "rigid" and solution.checkpoints is not None and not needs_nodes:
-        times, motion, r = solution.checkpoints
-    else:
-        times = node_midpoints(solution.grid)
-        times = np.concatenate([times, solution.grid.times]) if needs_nodes else times
-        motion = evaluate_motion(branch, result, times)
-        r = tree_forces(robot, motion)
+    times, motion, r = checkpoints
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
     return MissingForces(times, torques, _residual_torques(robot, motion.linearised, r, torques))
 
@@ -283,8 +278,8 @@ def _residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Arra
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(r)
-    residual[:, columns] = np.einsum("tn,tnv->tv", w, linearised.platform[:, :, columns])  # X' w
-    loop_forces = np.einsum("tm,tmv->tv", lambda_, linearised.closures[:, :, idle])  # J' lambda
+    residual[:, columns] = np.vecmat(w, linearised.platform[:, :, columns])  # X' w
+    loop_forces = np.vecmat(lambda_, linearised.closures[:, :, idle])  # J' lambda
     residual[:, idle] = r[:, idle] - loop_forces
     return residual
 

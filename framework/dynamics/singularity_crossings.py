@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elasticity import Pass
+from framework.dynamics.elasticity import Checkpoints, Pass
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
-from framework.kinematics.modes import mode_signs
+from framework.kinematics.modes import passive_determinants
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, edges_of, law_derivatives
@@ -32,6 +32,7 @@ from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion, uncont
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
+ROUNDING_SHARE = 1e-15  # of the duration: a shorter Newton step to a root of the law is rounding
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
 
 
@@ -69,6 +70,8 @@ def panel_edges(
         crossings = np.sort(np.fromiter(avoid, dtype=float))
         if len(crossings) > max_crossings_on_panel:
             edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
+    if not len(branch.knots):
+        return edges
     return np.unique(np.concatenate([edges, *find_instants(law, edges, branch.knots)]))
 
 
@@ -103,11 +106,14 @@ def find_instants(
     t = np.array(times)  # (R,)
     owner = np.array(owners, dtype=int)
     targets = np.array(places)[owner]
+    rounding = ROUNDING_SHARE * edges[-1]  # [s]
     for _ in range(newton_steps if len(t) else 0):
-        slope = np.asarray(law(t, 1))
+        value, slope = law_derivatives(law, t, 2)
         # no step where the law stands still
-        step = np.divide(np.asarray(law(t)) - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
-        t = np.clip(t - step, starts[panels], edges[1:][panels])
+        step = np.divide(value - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
+        t = (t - step).clip(starts[panels], edges[1:][panels])
+        if np.abs(step).max() < rounding:
+            break
     is_root = np.abs(np.asarray(law(t)) - targets) < LAW_ROOT_ROUNDING  # an extremum close to s is none
     instants = [np.sort(t[is_root & (owner == k)]) for k in range(len(places))]
     # a root at an edge is found on both panels
@@ -145,9 +151,9 @@ def find_crossed_points(
     ]
     if not crossed:
         return []
-    speeds = np.abs(law(np.array([t for t, _ in crossed]), 1))
-    largest_speed = np.abs(law(np.linspace(0.0, law.duration, SAMPLES), 1)).max()
-    stops = speeds <= STOP_AT_CROSSING * largest_speed
+    along = np.linspace(0.0, law.duration, SAMPLES)
+    speeds = np.abs(law(np.append([t for t, _ in crossed], along), 1))
+    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds[-SAMPLES:].max()
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
@@ -234,12 +240,21 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
+def probe_instants(t: float, duration: float, *, probe: float = 1e-6) -> list[float]:
+    """Return the instant t [s] of a crossing and one beside it, towards the middle, for the slope of g.
+
+    Args:
+        probe: their distance, as a share of the duration.
+    """
+    return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]
+
+
 def deformed_crossing(
     result: InverseDynamics,
     at_rest: SingularityCrossing,
+    probes: Checkpoints,
     *,
     law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
-    probe: float = 1e-6,  # of the duration: an instant beside the crossing, for the slope of g
 ) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
@@ -250,6 +265,7 @@ def deformed_crossing(
         result: the motion of the deformed robot.
         at_rest: the crossing of the undeformed robot, at which the search begins. Its twist decides the sign
             of t_s.
+        probes: the motion at the `probe_instants` of this crossing.
     """
     robot = result.robot
 
@@ -257,24 +273,21 @@ def deformed_crossing(
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = at_rest.time
-    step = math.copysign(probe * result.duration, 0.5 * result.duration - t)  # towards the middle
-    motion = result.motion([t, t + step])
+    (t, aside), motion, r = probes
     P = type2_matrix(robot, motion.linearised)  # (2, n, n)
     g, beside = solve_bordered(P, Border.of(P[0])).g.tolist()
     if abs(g) > law_root_rounding:
         t = root_of_g(matrices, t, high=result.duration).place
         motion = result.motion(t)
-    elif (
-        abs(beside) > 100.0 * law_root_rounding
-    ):  # else the path touches the locus, and the slope is rounding
-        t -= step * g / (beside - g)
+        r = tree_forces(robot, motion)
+    elif abs(beside) > 100.0 * law_root_rounding:  # else the path touches the locus, the slope is rounding
+        t -= (aside - t) * g / (beside - g)
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
-    wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
+    wrench = float(r[0] @ uncontrolled.motion) * sign
     return SingularityCrossing(
-        time=t,
+        time=float(t),
         s=float(result.law(np.array([t]))[0]),
         platform=result.platform(t),
         twist=sign * uncontrolled.twist,
@@ -317,7 +330,7 @@ def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamic
     """
     if result.geometry == "rigid" and robot.n_e:
         return
-    _, signs = mode_signs(robot, solution.motion.linearised)  # (T,) of the assembly mode
+    signs, _ = passive_determinants(solution.motion.linearised)  # (T,) of the assembly mode
     times = solution.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):

@@ -26,6 +26,7 @@ from framework.kinematics.loop_structure import (
 )
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
+from framework.lazy_names import notebook_picture
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
@@ -238,6 +239,8 @@ class ParallelRobot(Mechanism):
         except FrameworkError:
             return False
         return True
+
+    _repr_mimebundle_ = notebook_picture("robot_picture")
 
     def __repr__(self) -> str:
         """Return name, flexibility, platform axes, motors and springs in one line."""

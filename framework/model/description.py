@@ -509,3 +509,4 @@ class ParsedRobot(NamedTuple):
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()
     stated: Mapping[str, float] | None = None
+    joint_order: Names = ()  # of pinocchio's joints; by default that of its parser

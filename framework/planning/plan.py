@@ -37,6 +37,7 @@ from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
+from framework.planning.joint_path import JointPath, in_joints
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -52,14 +53,16 @@ FREE_LAW_CROSSINGS = 3  # from which the optimal law of a rigid robot comes befo
 
 
 @takes_options
-def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingPlan:
+def plan_crossing(robot: ParallelRobot, path: Path | JointPath, **options: Any) -> CrossingPlan:
     """Plan a rest-to-rest motion that crosses singular points with finite torques.
 
     Args:
         robot: as returned by `load_robot`; its `flexibility` says which springs exist.
         path: the platform's path: a `Line`, `Arc`, `Spline` or `Polyline`, or a function path(s, order) that
             returns (T, n) for s in [0, 1] and derivatives up to order 4, with attributes `n` and `knots`. The
-            knots are the s inside (0, 1) at which pieces of the path join (an empty array for one piece).
+            knots are the s inside (0, 1) at which pieces of the path join (an empty array for one piece). A
+            `JointPath` is given in joints without motors: the robot of its plan has their positions as
+            platform coordinates.
         {options}
 
     Returns:
@@ -83,6 +86,8 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 
     Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
     """
+    if isinstance(path, JointPath):
+        robot, path = in_joints(robot, path.joints), path.path
     return plan_request(robot, Request.of(robot, path, **options))
 
 
@@ -107,7 +112,7 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
-    to_cross = replace(path_to_cross(searched, request), explained=explained)
+    to_cross = path_to_cross(searched, request, explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit) as clock:
@@ -180,7 +185,7 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
     Args:
         plan: with the polynomial, within the limits.
     """
-    speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness)
+    speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness, plan.request.ends)
     if plan.crossings and speed_ratio < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {speed_ratio:.2g} of its mean, its largest "
@@ -324,7 +329,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool 
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     plan = plan_polynomial(to_cross, request, searched=searched)
-    speed_ratio = plan.law.least_speed_ratio(request.smoothness)
+    speed_ratio = plan.law.least_speed_ratio(request.smoothness, request.ends)
     reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
@@ -417,6 +422,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     evidence = getattr(refusal, "evidence", None)
     if not isinstance(evidence, SearchEvidence):
         return None
+    if evidence.start_speed is not None:
+        return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:
         return {"longest" if request.duration is None else "duration": evidence.duration}
     if evidence.limits is None:

@@ -60,7 +60,9 @@ The optimal law:
     UncontrolledMotions: no law meets the conditions of several motions
         planning.optimal.optimal_task.check_speeds
         kinematics.continuation.tracking.uncontrolled_error
-    NoLaw: a motor cannot hold an end of the path, or limits are too low
+    NoLaw: a motor cannot hold or drive the robot at an end of the path, or limits are too low
+        planning.optimal.undeformed_law.refuse_law
+    NoLaw: the motion starts too fast to brake within the limits
         planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
@@ -175,7 +177,7 @@ class LeastSoftening(NamedTuple):
 
 
 class HoldingTorque(NamedTuple):
-    """A motor torque that holds the robot at an end s of the path, above the limit.
+    """A motor torque that holds or drives the robot at an end s of the path, above the limit.
 
     joint: name of the motor's joint.
     torque, limit: motor side [N m], or [N] for a sliding motor.
@@ -241,6 +243,7 @@ class SearchEvidence(NamedTuple):
     quickest: the least duration [s] found within the limits, of the undeformed robot; None without a law.
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
+    start_speed: the derivatives of s at a slower start from which a law was found within the limits.
     """
 
     cells: int
@@ -248,6 +251,7 @@ class SearchEvidence(NamedTuple):
     quickest: float | None = None
     limits: dict[str, Array] | None = None
     duration: float | None = None
+    start_speed: tuple[float, ...] | None = None
 
     @property
     def sentence(self) -> str:
@@ -268,6 +272,8 @@ class SearchEvidence(NamedTuple):
                     parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
+        if self.start_speed is not None:
+            parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])
 
 

@@ -61,6 +61,7 @@ from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_files
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
+from framework.planning.joint_path import in_joints
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
@@ -87,10 +88,11 @@ def _read_series(where: str, raw: Any) -> tuple[float, ...]:
 def _read_law(where: str, raw: Any) -> Document:
     """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
     kind = read_table(where, raw, _KIND_TABLE, others=None)["kind"]
-    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=("degree", "domain", "turns"))
+    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=_DERIVED)
 
 
 _NUMBERS = list_of(number)
+_DERIVED = ("degree", "domain", "turns", "moving")  # keys of a law that follow from others and the request
 _KIND_TABLE: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
 _LAW_TABLES: Mapping[str, Table] = {
     Law.kind: {"chebyshev": required(_read_series)},
@@ -110,6 +112,7 @@ _PLAN_TABLE: Table = {
     "robot_file": required(text),
     "parameters": optional(mapping_of(number), {}),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
+    "platform_joints": optional(or_null(list_of(text)), None),
     "duration": required(positive),
     "request": required(  # options are checked as those of a call
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
@@ -127,7 +130,7 @@ _PLAN_TABLE: Table = {
 # ------------------------------------------------------------------ writing
 
 
-def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
+def save_plan(plan: CrossingPlan, folder: str | os.PathLike[str]) -> FilePath:
     """Write plan.json into a folder, for `load_plan`, and return the file.
 
     Raises:
@@ -159,6 +162,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "robot_file": robot_name_or_file(plan.robot, folder),
             "parameters": plan.robot.description.parameters,
             "flexibility": plan.robot.flexibility,
+            "platform_joints": plan.robot.description.platform.joints or None,
             "geometry": plan.geometry,
             "duration": plan.duration,
             "request": _request_document(plan.request),
@@ -356,7 +360,11 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
                 f"{file}: robot_file: there is no {source}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(source, flexibility=stated["flexibility"], parameters=stated["parameters"])
+    robot = ParallelRobot.from_file(
+        source, flexibility=stated["flexibility"], parameters=stated["parameters"]
+    )
+    joints = stated["platform_joints"]
+    return robot if joints is None else in_joints(robot, joints)
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
@@ -399,7 +407,8 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
             f"{HIGHEST_SMOOTHNESS})"
         )
     coefficients = np.array(stated["squared_speed"])
-    return OptimalLaw(coefficients, smoothness, duration, stated["dense_at"], stated["cells"])
+    cells, dense_at = stated["cells"], stated["dense_at"]
+    return OptimalLaw(coefficients, smoothness, duration, dense_at, cells, request.ends.moving)
 
 
 def _make_optimality(

@@ -139,7 +139,7 @@ def uncontrolled_space(
 
 def _count_rank(rows: Array) -> int:
     """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
-    return int(np.sum(singular_values(rows) > RANK_LOST)) if rows.size else 0
+    return int((singular_values(rows) > RANK_LOST).sum()) if rows.size else 0
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
@@ -183,14 +183,16 @@ def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 class SingularityMeasure(NamedTuple):
-    """The measure g and the least controlled motion, at T configurations."""
+    """The measure g and the uncontrolled motion, or what comes nearest, at T configurations."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) joint rates with locked motors that open the loops least, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
-    """Compute g (T,) and the least controlled motion (T, nv) at successive configurations, for figures.
+    """Compute g (T,) and the uncontrolled motion (T, nv) at successive configurations, for figures.
+
+    Where no motion is uncontrolled, it is the one with locked motors that opens the loops least.
 
     g and the motion are continuous, except that g has a kink and the motion jumps where the two least
     singular values are equal. So roots are found on the smooth measures of `bordered_system` instead.
@@ -230,7 +232,7 @@ def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: 
     P = passive_matrix(robot, linearised)
     solution = solve_bordered(P, border)
     eta = solution.eta[:, :, 0]  # (T, n_p)
-    transposed_border = Border(border.c, border.b)
+    transposed_border = Border(border.c, border.b, border.values)
     psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
     force_changes = loop_curvature(

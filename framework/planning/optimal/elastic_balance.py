@@ -11,6 +11,7 @@ may be in balance while they vibrate at an end.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,10 +58,9 @@ def find_law_in_balance(
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
     conditions = condition_rows(problem, law.basis)
-    # values of all conditions; those on required speeds are set to what is required
+    # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
-    speeds = slice(len(values) - len(task.request.speeds or ()), None)
-    values[speeds] = -conditions.offset[speeds]
+    values[len(points) :] = -conditions.offset[len(points) :]
 
     def shift_conditions(shifts: Array) -> OnParameter:
         """Return the law nearest to `law` whose first k conditions have values shifted by (k,)."""
@@ -68,7 +68,7 @@ def find_law_in_balance(
         try:
             equalities = Affine(conditions.matrix, -targets)
             y = space.adjust(law.coefficients, equalities, law.duration, relative=True)
-            shifted = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+            shifted = replace(law, coefficients=y)
         except InvalidInput:
             raise _no_law_near(task) from None
         return OnParameter(shifted, task.branch.knots)
@@ -96,11 +96,11 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
     # rows of z / z_splines at xi on the coefficients of the series, fitted to 1
     ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
-    y = np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0]
+    y = np.asarray(np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0], dtype=float)
     space = SpeedSpace(basis, law.stretch)
     try:
         y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
-        return OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+        return replace(law, coefficients=y, cells=ONE_CELL)
     except InvalidInput:
         raise _no_law_near(problem.task) from None
 
@@ -113,12 +113,11 @@ def _no_law_near(task: Task) -> NotConverged:
     )
 
 
-def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
-    """Check that springs start and stop at rest, as the law does.
+def check_rest(dynamics: InverseDynamics, law: OptimalLaw) -> None:
+    """Check that springs are at rest at the ends where the law is.
 
     Args:
-        dynamics: the motion.
-        smoothness: number of derivatives of the law that vanish at both ends.
+        dynamics: the motion under the law.
 
     Raises:
         NotConverged: the rate of a spring at an end is more than MAX_END_RATE of its largest, or the
@@ -130,10 +129,11 @@ def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
         values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
-        at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
+        is_at_rest = [not is_moving for is_moving in law.moving]
+        at_ends = (values[[0, -1]][is_at_rest][:, counted] / largest[counted]).max(initial=0.0)
         if at_ends > allowed:
             raise NotConverged(
                 f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
-                f"most {allowed:g}), though {smoothness} derivatives of the law vanish there",
+                f"most {allowed:g}), though {law.smoothness} derivatives of the law vanish there",
                 residual=float(at_ends),
             )

@@ -141,6 +141,11 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
             return False
         return True
 
+    if evidence.start_speed is not None:
+        slower = task.specification.ends._replace(start=evidence.start_speed)
+        if has_motion(ends=slower):
+            return evidence
+        evidence = evidence._replace(start_speed=None)
     if evidence.quickest is not None:
         duration = round_up(evidence.quickest, PRINTED_DIGITS)
         bound = "longest" if task.specification.duration is None else "duration"
@@ -317,7 +322,7 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, None)
         else:
             law, dynamics = self._balance_law(law)
-        check_rest(dynamics, law.smoothness)
+        check_rest(dynamics, law)
         return OptimalMotion(dynamics, law, best)
 
     def _repeats_last_law(self, best: Best, stage: ElasticStage) -> bool:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
-from framework.laws.optimal_law import OptimalLaw
+from framework.laws.optimal_law import OptimalLaw, Smoothstep
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
@@ -29,13 +29,14 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
 )
 from framework.planning.optimal.path_series import sample_demand
-from framework.planning.optimal.peak_bound import find_refuting_bound
+from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
-from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence
+from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
+SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
 
@@ -254,7 +255,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     )
     if problem.response is not None or not problem.task.to_cross.explained:
         return not_found  # torques linearised about another motion prove nothing about limits
-    holding = _overloaded_at_rest(problem)
+    holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
@@ -265,10 +266,14 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
     proof = find_refuting_bound(problem.task)
-    reason = "no law of free shape was found"
+    evidence = evidence._replace(start_speed=_find_slower_start(problem))
+    start = ""
+    if evidence.start_speed is not None:
+        start = f" from s' = {problem.specification.ends.start[0]:g} 1/s, too fast to brake within the limits"
+    reason = f"no law of free shape was found{start}"
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
-        reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
+        reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
     return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
 
 
@@ -285,9 +290,13 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     needed, allowed = format_distinct(holding.torque, holding.limit)
     has_friction = robot.joint_friction.any()
     uncounted = " (dry friction, which may hold some of it, not counted)" if has_friction else ""
+    load = f"hold {needed} {unit} at rest{uncounted}"
+    ends = problem.specification.ends
+    if ends.moving[int(holding.s)]:
+        speed, acceleration = ends.derivatives(2)[int(holding.s)]
+        load = f"drive with {needed} {unit} at s' = {speed:g} 1/s and s\" = {acceleration:g} 1/s^2"
     return NoLaw(
-        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
-        f"{unit} at rest{uncounted}, and may {allowed}",
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may {allowed}",
         proof=holding,
         evidence=evidence,
     )
@@ -307,6 +316,23 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
         torque, speed = _find_peaks(problem, "limits")
     share = 1.0 - problem.task.request.margin
     return LeastLimits.of(specification, torque, speed, share, together=together and torque is not None)
+
+
+def _find_slower_start(problem: LawProblem) -> tuple[float, ...] | None:
+    """Find derivatives of s at a slower start from which a law keeps the limits; None without one.
+
+    The same motion, slowed to a share v of its speed, starts with v s', v^2 s", ...
+    """
+    ends = problem.specification.ends
+    for share in SLOWER_STARTS if ends.start else ():
+        start = tuple(
+            float(f"{derivative * share**order:.{PRINTED_DIGITS}g}")
+            for order, derivative in enumerate(ends.start, start=1)
+        )
+        slower = problem.with_goal(problem.specification.goal, ends=ends._replace(start=start))
+        if not isinstance(find_least_cost(slower), NoneFound):
+            return start
+    return None
 
 
 class _RelativePeaks(NamedTuple):
@@ -343,11 +369,13 @@ def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> floa
     return result.law.duration if isinstance(result, Best) else None
 
 
-def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Find a holding torque above its limit at an end of the path; None without one."""
+def _overloaded_at_ends(problem: LawProblem) -> HoldingTorque | None:
+    """Find a torque above its limit at an end of the path, at rest or in motion; None without one."""
     task = problem.task
     limit = problem.specification.torque_limit
-    holding = np.abs(demand(task.branch, task.phi, np.array([0.0, 1.0])).torque.constant)  # (2, n_a)
+    at_rest = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0])).torque.constant
+    is_moving = np.array(problem.specification.ends.moving)[:, None]
+    holding = np.abs(np.where(is_moving, torques_at_ends(task), at_rest))  # (2, n_a)
     overloaded = np.argwhere(holding > limit)  # rows (end, motor)
     if not len(overloaded):
         return None

@@ -22,6 +22,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import optimize
 from scipy.interpolate import make_interp_spline
 
@@ -37,13 +38,12 @@ from framework import (
     simulate,
     track_path,
 )
+from framework.dynamics import finite_difference_torques
 from framework.dynamics.elasticity import Pass, evaluate_pass
-from framework.dynamics.finite_differences import finite_difference_torques
-from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics import Branch
 from framework.kinematics.frames import frames_at
-from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.laws import time_derivatives
+from framework.numerics import Array, TimeFunction, TimeGrid
 from tests.benchmarks.chart import closed_form, contacts, elastic_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import BareRobot, Motion

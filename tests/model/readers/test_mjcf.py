@@ -191,7 +191,7 @@ def test_nothing_is_written_where_the_program_runs(tmp_path, monkeypatch):
 
 def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'parallel-singularity-crossing\[mjcf\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install 'mujoco>=4.0'"):
         read(tmp_path)
 
 
