@@ -59,12 +59,17 @@ def held(plan, periods) -> list[float]:
     return errors
 
 
-@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
-def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
-    """Open loop: the error of holding the torque and of the integration goes as the square of the period."""
-    errors = held(
-        plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4), (4e-3, 2e-3)
-    )
+@pytest.mark.parametrize(
+    ("flexibility", "periods"),
+    [
+        ("rigid", (4e-3, 2e-3)),
+        # of vibrations of 139 Hz the periods must be small parts
+        pytest.param("flexible_links", (2e-3, 1e-3), marks=pytest.mark.slow),
+    ],
+)
+def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility, periods):
+    """Open loop: the error of holding the torque goes as the square of the period."""
+    errors = held(plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4), periods)
     assert errors[1] < 2e-5  # robot lengths
     assert 3.0 < errors[0] / errors[1] < 5.5
 
