@@ -274,7 +274,7 @@ class _ElasticSearch:
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 self.best_motion = motion
-                report_result()
+                report_result(_describe_cost(self.task, motion))
                 is_settled = self.balance is None or _has_predicted_peak(motion)
 
             # end, or linearise about the motion and search again
@@ -469,6 +469,17 @@ def _has_predicted_peak(motion: OptimalMotion) -> bool:
     """Return whether a motion's peak torque agrees with the cone program's, within PEAK_TORQUE_MISMATCH."""
     peak = float((motor_peaks(motion.dynamics)[0] / motion.best.reference).max())
     return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
+
+
+def _describe_cost(task: Task, motion: OptimalMotion) -> str:
+    """Describe the cost of a certified motion, such as `0.231 s`."""
+    robot, goal, cost = task.robot, task.specification.goal, _cost_of_motion(task, motion)
+    if goal == "time":
+        return f"{cost:.4g} s"
+    if goal == "peak_torque":
+        peaks = motor_peaks(motion.dynamics)[0]
+        return f"peak torque {peaks.max():.4g} {robot.torque_units[int(peaks.argmax())]}"
+    return f"energy {cost:.4g} s"
 
 
 def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
