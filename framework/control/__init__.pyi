@@ -2,7 +2,7 @@ from framework.control.by_name import CONTROLLERS, tuned_controller
 from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import Controller, Measurement, RobotState
-from framework.control.linear_model import Choice, LinearModel, linearise_plan
+from framework.control.linear_model import CoordinateChoice, LinearModel, linearise_plan
 from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.reference import Reference, reference_of
 from framework.control.regulators import Tuning
@@ -14,10 +14,10 @@ from framework.control.variations import Spread, Variation, draw
 
 __all__ = [
     "CONTROLLERS",
-    "Choice",
     "ControlCycle",
     "ControlLoop",
     "Controller",
+    "CoordinateChoice",
     "LinearModel",
     "LoopPrediction",
     "Measurement",

@@ -42,7 +42,7 @@ CHOICE_INSTANTS = 9  # at which coordinates are chosen
 SMALL_CHANGE = 0.01  # of the payload, in which forces are linear
 
 
-class Choice(NamedTuple):
+class CoordinateChoice(NamedTuple):
     """The coordinates w = (x, q_m, e of the others), and which of them stay in the model."""
 
     motors: IntArray  # indices of the motors whose joints are coordinates
@@ -58,7 +58,7 @@ class LinearModel(ReadOnlyArrays):
     h are platform coordinates [m, rad], then the joints `columns`. F and G advance z by one period.
     """
 
-    choice: Choice
+    choice: CoordinateChoice
     columns: IntArray  # (m - n,) joints in h behind the platform
     kinds: tuple[str, ...]  # of DISTURBANCES
     names: tuple[str, ...]  # (p,) of theta: payload, friction of a motor, ...
@@ -156,7 +156,9 @@ def linearise_plan(
     )
 
 
-def _transform(reference: Reference, E: Array, changes: MotionChanges, choice: Choice) -> _Equations:
+def _transform(
+    reference: Reference, E: Array, changes: MotionChanges, choice: CoordinateChoice
+) -> _Equations:
     """Transform the equations E (3, T, d, d) of y to those of w, see the header."""
     robot = reference.robot
     n = robot.n
@@ -217,7 +219,7 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
     )
 
 
-def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> Choice:
+def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
     """Choose the coordinates w and those of them in static balance, from T instants.
 
     At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
@@ -234,7 +236,9 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     motors, others = _motors_of_springs(robot, changes)
     fast: set[int] = set()  # deflections in static balance whatever their own frequency
     while True:
-        equations = _transform(reference, E, changes, Choice(motors, others, np.arange(0), np.arange(0)))
+        equations = _transform(
+            reference, E, changes, CoordinateChoice(motors, others, np.arange(0), np.arange(0))
+        )
         mass, stiffness = (np.abs(np.einsum("tii->ti", X)) for X in (equations.M, equations.K))
         squares = (stiffness / np.maximum(mass, np.finfo(float).tiny)).min(axis=0)  # (d,) others at rest
         first = n + len(motors)  # of the deflections
@@ -250,7 +254,7 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
             values, vectors = np.linalg.eig(np.linalg.solve(M, condensed.K))
             instant, mode = np.unravel_index(np.argmax(values.real), values.shape)
             if values[instant, mode].real <= largest or len(kept) == n:
-                return Choice(motors, others, kept, balanced)
+                return CoordinateChoice(motors, others, kept, balanced)
             energy = np.abs(vectors[instant, :, mode]) ** 2 * np.abs(np.diagonal(M[instant]))
             out = int(kept[n + np.argmax(energy[n:])])
         if out >= first:
