@@ -68,7 +68,7 @@ def test_peaks_with_friction_are_those_of_a_dense_sampling(polynomial):
 
 
 def test_a_motor_that_reverses_rests_and_starts():
-    """speeds cos(t) (reverses at pi/2 and 3 pi/2) and max(0, t - 2) - max(0, 1 - t) (rests in [1, 2]); ends in motion."""
+    """Ends in motion; speeds cos(t) (reverses twice) and max(0, t - 2) - max(0, 1 - t) (rests in [1, 2])."""
 
     def speed(t):
         return np.stack([np.cos(t), np.maximum(0, t - 2) - np.maximum(0, 1 - t)], axis=1)
