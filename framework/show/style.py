@@ -7,7 +7,6 @@ Lines of one plot also differ by their dashes. Text has a contrast of at least 4
 from __future__ import annotations
 
 import io
-import logging
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -113,8 +112,6 @@ _SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
     "figure.dpi": 100,
 }
-# primes are of a font without a date, of which fontTools warns whoever writes a PDF
-logging.getLogger("fontTools.ttLib.tables._h_e_a_d").setLevel(logging.ERROR)
 _METADATA: dict[str, dict[str, str | None]] = {  # without a date
     "png": {"Software": PROGRAM},
     "svg": {"Creator": PROGRAM, "Date": None},
