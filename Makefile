@@ -75,6 +75,7 @@ lint: $(VENV)/.dev  ## check style and types
 format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	$(BIN)/python .ci/wrap_changelog
 
 docs: $(VENV)/.docs  ## build the site to build/docs/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet

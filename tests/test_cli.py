@@ -34,6 +34,7 @@ PLAN_KEYS = [
     "robot_file",
     "parameters",
     "flexibility",
+    "platform_joints",
     "geometry",
     "duration",
     "request",

@@ -293,8 +293,8 @@ def identification_lines(identification: Identification, *, everything: bool = F
 # ------------------------------------------------------------------ crossing excite
 
 EXCITED = """\
-{0.robot.name}: {1:g} s in {2:g} periods; deviations are {0.improvement:.2g} times smaller than of the first \
-motion tried
+{0.robot.name}: {1:g} s in periods of {2:.3g} s; deviations are {0.improvement:.2g} times smaller than of \
+the first motion tried
   start             {3}, at rest
   largest torques   {4}
   largest speeds    {5}
@@ -384,7 +384,7 @@ def excitation_lines(excitation: Excitation) -> list[str]:
     quantities = excitation.identification.quantities
     place = robot.place(motion.x[0])
     counts = (excitation.identification.instants, len(shown), len(quantities))
-    lines = [EXCITED.format(excitation, duration, duration / excitation.period, place, *values, *counts)]
+    lines = [EXCITED.format(excitation, duration, excitation.period, place, *values, *counts)]
     lines += [
         f"  {quantity.name}\t{quantity.file:.5g}\t{quantity.value:.5g}\t{quantity.deviation:.2g}"
         f"\t{f'{digits(quantity):.1f}' if quantity.file else '-'}\t{quantity.unit}"

@@ -37,9 +37,9 @@ from framework.tolerances import AT_REST
 
 
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
-# steps of the simulation in a sampling period, of robots with springs: one step of 1 ms takes 7 % of the
-# amplitude of a vibration of 139 Hz, four take 0.2 %
-ELASTIC_STEPS = 4
+# [s] steps of the simulation of robots with springs: one step of 1 ms takes 7 % of the amplitude of a
+# vibration of 139 Hz, four take 0.2 %
+ELASTIC_STEP = 2.5e-4
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
 
 
@@ -105,7 +105,9 @@ def run_closed_loop(
     """
     ref = controller.reference
     limit = torque_limit(ref, loop)
-    robots = _VariedRobots.of(ref, loop, spread, variations)
+    # a controller that filters reads the sensors that it was tuned for
+    own = getattr(controller, "sensors", None)
+    robots = _VariedRobots.of(ref, loop, spread, variations, own)
     start = getattr(controller, "start", None)  # of a controller with a state per run
     driver = controller if start is None else start(len(variations))
     last = len(ref.times) - 1
@@ -228,7 +230,11 @@ class _VariedRobots(NamedTuple):
 
     @staticmethod
     def of(
-        ref: Reference, loop: ControlLoop, spread: Spread, variations: Sequence[Variation]
+        ref: Reference,
+        loop: ControlLoop,
+        spread: Spread,
+        variations: Sequence[Variation],
+        read: LoopSensors | None = None,
     ) -> _VariedRobots:
         """Place the robots at the start of the plan, with its speed, loops closed.
 
@@ -236,6 +242,7 @@ class _VariedRobots(NamedTuple):
             loop: sensors and known delay.
             spread: standard deviations of the encoders' noise.
             variations: the other differences of each robot from the model.
+            read: sensors that are read, in place of those of the loop.
 
         Raises:
             InvalidInput: the loops of a varied robot do not close.
@@ -265,6 +272,8 @@ class _VariedRobots(NamedTuple):
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
         sensors = sensors_of(ref.robot, loop)
+        if read is not None:
+            sensors = read._replace(state=sensors.state)
         return _VariedRobots(
             *(ref, sensors, motor_step(ref.robot, loop), stepper, start, world, delays, friction),
             *(smoothing_speed, noise),
@@ -328,7 +337,7 @@ class _VariedRobots(NamedTuple):
         rates.
         """
         ref = self.reference
-        steps = ELASTIC_STEPS if ref.robot.n_e else 1
+        steps = max(1, round(ref.period / ELASTIC_STEP)) if ref.robot.n_e else 1
         h = ref.period / steps
         for step in range(steps):
             world = None  # forces of the external wrenches

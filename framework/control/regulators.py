@@ -105,6 +105,11 @@ class Regulator(ReadOnlyArrays):
     filter: Filter | None  # None: the state is measured, as far as h and h' go
     prior: Array  # (N,) standard deviations of z at the start
 
+    @property
+    def sensors(self) -> LoopSensors | None:
+        """The sensors that the filter reads; None without one."""
+        return None if self.filter is None else self.filter.sensors
+
     def start(self, runs: int) -> RegulatorRun:
         """Return the controller of R runs at the start of the plan."""
         return RegulatorRun(self, np.zeros((runs, self.gain.shape[2])), [])

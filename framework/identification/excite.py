@@ -23,7 +23,7 @@ import numpy as np
 from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
-from framework.errors import NoAnswer
+from framework.errors import InvalidInput, NoAnswer
 from framework.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -33,6 +33,7 @@ from framework.identification.base_parameters import (
 )
 from framework.identification.combinations import find_combinations, merge_rows
 from framework.identification.identify import Identification, IdentifiedQuantity, free_parameters, identify
+from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.tracking import assemble
@@ -59,6 +60,7 @@ HARMONICS = np.array([1, 2, 3, 5, 8, 12])
 INSTANTS = 6 * int(HARMONICS[-1])  # of a period at which a motion is judged during the search
 TRIALS = 400  # motions that the search tries
 GRAVITY = 9.81  # [m/s^2] default limit of the platform's acceleration
+MAX_SAMPLES = 100_000  # of the simulated recording
 CHUNK = 512  # instants whose regressors of all joints are in memory at once
 SEARCH_SHARE = 0.9  # of limits that the search uses, so that they hold between its instants
 
@@ -186,6 +188,12 @@ def excite(
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
     sensors = sensors or Sensors(rate=500.0)
+    samples = duration * sensors.rate
+    if not MIN_SAMPLES <= samples <= MAX_SAMPLES:
+        raise InvalidInput(
+            f"duration: {duration:g} s at {sensors.rate:g} Hz are {samples:.6g} samples, of at least "
+            f"{MIN_SAMPLES} and at most {MAX_SAMPLES}"
+        )
     design = _Design.of(robot, duration, only, sensors, acceleration)
     limits = _Limits(
         torque=motor_limits(robot, "torque_limit", torque_limit),

@@ -59,14 +59,20 @@ def held(plan, periods) -> list[float]:
     return errors
 
 
-@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
-def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
+def test_the_plan_held_over_each_period_comes_back_to_second_order():
     """Open loop: the error of holding the torque and of the integration goes as the square of the period."""
-    errors = held(
-        plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4), (4e-3, 2e-3)
-    )
+    errors = held(plan_scene(robots.load("five_bar"), "C", smoothness=4), (4e-3, 2e-3))
     assert errors[1] < 2e-5  # robot lengths
     assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+@pytest.mark.slow
+def test_the_plan_of_an_elastic_robot_is_held_as_well():
+    """Simulated in steps of a quarter of a millisecond, whatever the period, which leave 5e-7."""
+    errors = held(
+        plan_scene(robots.load("five_bar", flexibility="flexible_links"), "C", smoothness=4), (4e-3, 2e-3)
+    )
+    assert errors[1] < 0.5 * errors[0] < 2e-6  # robot lengths
 
 
 @pytest.mark.slow

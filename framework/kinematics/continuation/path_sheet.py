@@ -36,7 +36,7 @@ from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
 SHEET_NODES = 32
 COARSE_NODES = 9  # first nodes of a panel, from whose polynomial the others are closed
 COARSE_STEP = 1e-2  # [rad, lengths] last Newton step at these; it leaves an error of about its square
-MAX_STEPS = 7  # of Newton's method; a panel that needs more is halved
+MAX_STEPS = 5  # of Newton's method; a panel that needs more is halved
 MIN_SHEET_PANEL = 1 / 32  # width in s; where this is too wide, the branch is followed step by step
 
 
