@@ -1,4 +1,4 @@
-"""Motions of parallel robots through their Type 2 singularities, with torques that are proved finite.
+"""Motions of parallel robots through their Type 2 singularities, with torques that are certified finite.
 
 Read first `load_robot`, then `plan_crossing` and its example, then `CrossingPlan`, which is what comes back.
 
@@ -18,8 +18,8 @@ Singularities:
 
 Plans:
 
-* `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof; `load_plan`: a saved
-  plan;
+* `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their certificate; `load_plan`: a
+  saved plan;
 * `chain_plans`: plans one after the other as one motion, such as a plan and one that begins on its way;
 * `simulate`: where torques bring the robot, a `Simulation`;
 * `plan_study`: one motion planned for many values of a robot's parameters;

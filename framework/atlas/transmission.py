@@ -35,6 +35,7 @@ from framework.kinematics.motion_rates import motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.fields import positive
 
 FREQUENCIES = (1.0, 2.0, 4.0, 8.0)  # [Hz] of sines
 AMPLITUDE = 0.2  # [rad, robot lengths] of sines
@@ -114,7 +115,9 @@ def transmission(
         )
     ends = _range_ends(robot, lower, upper)
     x0 = robot.reference.x if posture is None else finite_numbers("posture", posture, robot.n)
-    count = points or POINTS.get(robot.n, FEW_POINTS)
+    for frequency in frequencies:
+        positive("frequencies", frequency)
+    count = POINTS.get(robot.n, FEW_POINTS) if points is None else points
     if count < 2:
         raise InvalidInput(f"points: needs at least 2 along each axis, got {points!r}")
     grid = np.array(list(product(*(np.linspace(low, high, count) for low, high in zip(*ends, strict=True)))))

@@ -33,7 +33,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.joint_path import JointPath, choose_joint_path, in_joints
+from framework.planning.joint_path import JointPath, choose_joint_path, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
@@ -141,11 +141,11 @@ def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, R
         raise InvalidInput("--in, --to-mode: give one of them, with --from and --to, and no --scene")
     typed = arguments.motion_options(options, robot)  # with wrenches along the axes of the platform
     if options.in_joints is not None:
-        selected = in_joints(robot, options.in_joints)
+        selected = with_platform_joints(robot, options.in_joints)
         return selected, Request.of(selected, arguments.path(options, selected), **typed)
     line = arguments.path(options, robot)
     to_joints = _find_path_to_mode(robot, line(0.0), line(1.0), options.to_mode)
-    selected = in_joints(robot, to_joints.joints)
+    selected = with_platform_joints(robot, to_joints.joints)
     return selected, Request.of(selected, to_joints.path, **typed)
 
 

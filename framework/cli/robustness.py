@@ -22,7 +22,7 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.by_name import CONTROLLERS
+from framework.control.by_name import CONTROLLERS, GAINS, split_label
 from framework.control.closed_loop import Run
 from framework.control.linear_model import DISTURBANCES
 from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
@@ -38,7 +38,7 @@ from framework.control.study import (
     run_study,
 )
 from framework.control.variations import Spread
-from framework.errors import FrameworkError, InvalidInput, NoAnswer, choose_from
+from framework.errors import FrameworkError, InvalidInput, NoAnswer
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
@@ -199,11 +199,11 @@ def add_robustness_options(parser: OneLineParser) -> None:
 
 def _controller_label(text: str) -> str:
     """Check a controller's name, perhaps with a gain such as `feedforward bandwidth=20`; an argparse type."""
-    name, *changes = text.split() or [""]
-    known = {"bandwidth", "integral", "torque_share"}
-    if name in CONTROLLERS and all(change.partition("=")[0] in known for change in changes):
-        return text
-    raise argparse.ArgumentTypeError(choose_from("controller", text, CONTROLLERS))
+    try:
+        split_label(text)
+    except InvalidInput as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+    return text
 
 
 def run_robustness(options: Namespace) -> Report:
@@ -308,9 +308,9 @@ def _controller_names(options: Namespace) -> list[str]:
         low, high = map(float, ends.split(".."))
     except ValueError:
         low = high = 0.0
-    if key not in ("bandwidth", "integral", "torque_share") or not 0 < low < high < np.inf:
+    if key not in GAINS or not 0 < low < high < np.inf:
         raise InvalidInput(
-            f"--sweep: needs bandwidth, integral or torque_share with two positive ends, such as "
+            f"--sweep: needs {', '.join(GAINS[:-1])} or {GAINS[-1]} with two positive ends, such as "
             f"bandwidth=5..60, got {options.sweep!r}"
         )
     return [f"{name} {key}={value:.4g}" for name in names for value in np.geomspace(low, high, SWEPT)]

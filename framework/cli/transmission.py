@@ -6,7 +6,13 @@ from argparse import Namespace
 
 import numpy as np
 
-from framework.atlas.transmission import FREQUENCIES, LinkageTransmission, MappingError, transmission
+from framework.atlas.transmission import (
+    AMPLITUDE,
+    FREQUENCIES,
+    LinkageTransmission,
+    MappingError,
+    transmission,
+)
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_robot, integer_between
@@ -16,7 +22,9 @@ FILE = "transmission.json"
 PARTS = ("carried", "links", "rotors", "inertia")
 FIGURES = ("inertia", "limits", "mapping")  # and their ends .pdf and .png
 HEAD = "{robot}: {poses} poses, {unreached} of the ranges not reached or singular; posture {posture}"
-ERROR_HEAD = "  error of tau_joint = G' tau_motor in a sine of 0.2 about the posture, on its own axis"
+ERROR_HEAD = (
+    f"  error of tau_joint = G' tau_motor in a sine of {AMPLITUDE} about the posture, on its own axis"
+)
 
 
 def add_transmission_options(parser: OneLineParser) -> None:
@@ -43,14 +51,13 @@ def run_transmission(options: Namespace) -> Report:
     """Compute the transmission; with --out write it with pictures."""
     options.flexibility = "rigid"
     robot = arguments.load(options)
-    frequencies = options.frequencies or FREQUENCIES
     options.progress.start("computing")
     result = transmission(
         robot,
         lower=options.lower,
         upper=options.upper,
         posture=options.posture,
-        frequencies=frequencies,
+        frequencies=options.frequencies or FREQUENCIES,
         points=options.points,
     )
     document = _make_document(result)
@@ -73,9 +80,7 @@ def _make_document(result: LinkageTransmission) -> Document:
     torques, speeds = result.axis_limits("wrenches"), result.axis_limits("speeds")
     axes = {}
     for k, name in enumerate(robot.axis_names):
-        parts = {
-            part: _range(getattr(result, part)[:, k, k]) for part in ("carried", "links", "rotors", "inertia")
-        }
+        parts = {part: _range(getattr(result, part)[:, k, k]) for part in PARTS}
         axes[name] = {
             **parts,
             "torque": None if torques is None else [_range(torques[:, end, k]) for end in (0, 1)],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
 from framework.control.prediction import LinearModels
@@ -13,6 +13,9 @@ from framework.control.regulators import Tuning, Weights, tune_lqr
 from framework.control.sensors import ControlLoop
 from framework.control.variations import Spread
 from framework.errors import check_choice
+from framework.numerics.fields import number
+
+GAINS = ("bandwidth", "integral", "torque_share")  # fields of Tuning that a label may have
 
 
 class Setting(NamedTuple):
@@ -52,6 +55,22 @@ CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {
     "computed_torque": partial(_tune_computed_torque, aware=True),
     "naive_computed_torque": partial(_tune_computed_torque, aware=False),
 }
+
+
+def split_label(label: str) -> tuple[str, dict[str, Any]]:
+    """Return name and gains of a label such as `feedforward bandwidth=20`.
+
+    Raises:
+        InvalidInput: unknown name or gain, or no number.
+    """
+    name, *changes = label.split() or [""]
+    check_choice("controller", name, CONTROLLERS)
+    gains: dict[str, Any] = {}
+    for change in changes:
+        key, _, value = change.partition("=")
+        check_choice("gain", key, GAINS)
+        gains[key] = number(f"{name}: {key}", value)
+    return name, gains
 
 
 def tuned_controller(

@@ -67,7 +67,11 @@ class Measurement(NamedTuple):
 
 
 class Controller(Protocol):
-    """A controller for one reference; one with a state per run has `start`, too."""
+    """A controller for one reference.
+
+    One with a state per run also has `start(runs)`, which returns the controller of R runs at the start of
+    the plan; this is called at all instants in order.
+    """
 
     @property
     def reference(self) -> Reference:
@@ -75,14 +79,6 @@ class Controller(Protocol):
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
-        ...
-
-
-class StatefulController(Controller, Protocol):
-    """A controller with a state per run, which is called at all instants in order."""
-
-    def start(self, runs: int) -> Controller:
-        """Return a controller of R runs at the start of the plan."""
         ...
 
 
@@ -179,9 +175,9 @@ class FeedforwardPD:
             bandwidth = _bandwidth_of_springs(reference, inertia, delay)
         return FeedforwardPD(reference, MotorControl.of(inertia, bandwidth), delay, integral)
 
-    def start(self, runs: int) -> FeedforwardPD | _Integrating:
+    def start(self, runs: int) -> FeedforwardPD | _MotorIntegral:
         """Return the controller of R runs at the start of the plan."""
-        return _Integrating(self, np.zeros((runs, self.reference.robot.n_a))) if self.integral else self
+        return _MotorIntegral(self, np.zeros((runs, self.reference.robot.n_a))) if self.integral else self
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
@@ -197,7 +193,7 @@ class FeedforwardPD:
 
 
 @dataclass(eq=False)
-class _Integrating:
+class _MotorIntegral:
     """Feedforward with the integrals of the angle errors of R runs."""
 
     controller: FeedforwardPD
@@ -223,9 +219,8 @@ PLATFORM_BANDWIDTH = 20.0  # [rad/s] of computed torque
 # a critically damped double integrator crosses at 2.06 of its frequency with a phase margin of 76 degrees
 # less 118 degrees times this number: 40 degrees are left
 MAX_PHASE = 0.3
-BANDWIDTHS = DEFAULT_BANDWIDTH * 2.0 ** -np.arange(
-    13
-)  # [rad/s] tried for robots with springs; the last does nothing
+# [rad/s] tried for robots with springs; the last does nothing
+BANDWIDTHS = DEFAULT_BANDWIDTH * 2.0 ** -np.arange(13)
 
 
 def default_bandwidth(delay: float, period: float, largest: float) -> float:
@@ -311,9 +306,9 @@ class ComputedTorque:
         thresholds = fading_thresholds(J[:, :, robot.following])
         return ComputedTorque(reference, multipliers, thresholds, bandwidth, integral)
 
-    def start(self, runs: int) -> ComputedTorque | _IntegratingPlatform:
+    def start(self, runs: int) -> ComputedTorque | _PlatformIntegral:
         """Return the controller of R runs at the start of the plan."""
-        return _IntegratingPlatform(self, np.zeros((runs, self.reference.robot.n))) if self.integral else self
+        return _PlatformIntegral(self, np.zeros((runs, self.reference.robot.n))) if self.integral else self
 
     def torque(self, k: int, measurement: Measurement, offset: Array | float = 0.0) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
@@ -350,7 +345,7 @@ class ComputedTorque:
 
 
 @dataclass(eq=False)
-class _IntegratingPlatform:
+class _PlatformIntegral:
     """Computed torque with the integrals of the platform's errors of R runs."""
 
     controller: ComputedTorque

@@ -34,10 +34,10 @@ from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
 from framework.tolerances import MAX_PREDICTED_SHARE
 
-# sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 # of lqg, tried in turn: factors on the noise that the filter expects of its model, and on the torque share
 CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33))
 LEAST_ROOM = 0.05  # share of the peak torque
+# sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
     "motors",
     "motors links",

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.by_name import tuned_controller
+from framework.control.by_name import split_label, tuned_controller
 from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
 from framework.control.controllers import Controller
 from framework.control.reference import Reference, reference_of
@@ -252,13 +252,9 @@ class StudySetup:
         Gains may follow the name, such as `feedforward bandwidth=20`.
 
         Raises:
-            InvalidInput: unknown name, or a robot that the controller cannot drive.
+            InvalidInput: unknown name or gain, or a robot that the controller cannot drive.
         """
-        kind, *changes = name.split()
-        gains: dict[str, Any] = {}
-        for change in changes:
-            key, _, value = change.partition("=")
-            gains[key] = float(value)
+        kind, gains = split_label(name)
         tuning = replace(self.tuning, **gains)
         return tuned_controller(kind, self.reference, loop=self.loop, spread=self.spread, tuning=tuning)
 

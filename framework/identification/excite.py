@@ -186,7 +186,7 @@ def excite(
     expect_robot(robot)
     check_duration(duration)
     positive("acceleration", acceleration)
-    positive("clearance", clearance_share)
+    positive("clearance_share", clearance_share)
     sensors = sensors or Sensors(rate=500.0)
     samples = duration * sensors.rate
     if not MIN_SAMPLES <= samples <= MAX_SAMPLES:
@@ -406,9 +406,9 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
     nearest = np.round(times / design.period * INSTANTS).astype(int) % INSTANTS
     motion: PeriodicMotion | _Refused = _Refused("")
     for _ in range(40):
-        at_search = design.evaluate(z, design.functions(coarse), q, limits, coarse)
-        if isinstance(at_search, PeriodicMotion):
-            q = at_search.q
+        motion = design.evaluate(z, design.functions(coarse), q, limits, coarse)
+        if isinstance(motion, PeriodicMotion):
+            q = motion.q
             parts = []
             for start in range(0, len(times), CHUNK):
                 part = slice(start, start + CHUNK)
@@ -420,7 +420,8 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
             else:
                 return PeriodicMotion(*map(np.concatenate, zip(*parts, strict=True)))
         z = 0.97 * z
-    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion}")
+    assert isinstance(motion, _Refused)
+    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion.reason}")
 
 
 # ------------------------------------------------------------------ the check by simulation

@@ -56,9 +56,9 @@ def find_fixtures(columns: Names, points: Array, values: Array, length: float) -
     fixtures = []
     for column, measured in zip(columns, values.T, strict=True):
         if column.startswith(DISTANCE):
-            squares = np.vecdot(points, points) - measured**2
-            rows = 2.0 * (points - points.mean(axis=0))
+            squares = np.vecdot(points, points) - measured**2  # (T,)
             mean = points.mean(axis=0)
+            rows = 2.0 * (points - mean)  # (T, 3)
             right = squares - squares.mean() - rows @ mean
             start = mean + np.linalg.lstsq(rows, right, rcond=IN_PLANE)[0]
             _, sizes, V_rows = np.linalg.svd(rows)
@@ -69,7 +69,7 @@ def find_fixtures(columns: Names, points: Array, values: Array, length: float) -
         else:
             axis = LINEAR_AXES.index(column.removeprefix(TOUCH))
             matrix = _plane_columns(points, axis, length)
-            start = np.linalg.lstsq(matrix, points[:, axis] - measured, rcond=1e-6)[0]
+            start = np.linalg.lstsq(matrix, points[:, axis] - measured, rcond=IN_PLANE)[0]
             fixtures.append(Fixture(column, axis, start, length))
     return tuple(fixtures)
 

@@ -428,8 +428,8 @@ def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:
     model, description = mechanism.model, mechanism.description
     if description.couplings:
         raise InvalidInput(
-            f"{mechanism.name}: {description.couplings[0].name} couples two joints, and pinocchio's "
-            f"constraints hold points and poses"
+            f"{mechanism.name}: {description.couplings[0].name} couples joints, and pinocchio's constraints "
+            f"hold points and poses"
         )
     constraints = []
     for closure in description.closures:

@@ -46,6 +46,8 @@ def restart_plan(
         path = DepartingCurve.to_goal(robot, motion, finite_numbers("path", path, robot.n))
     elif path is None:
         s = float(plan.law(t))
+        if not s < 1.0:
+            raise InvalidInput(f"path: at t = {t:g} s nothing is left of the plan's own; give another")
         is_line = isinstance(plan.path, Line)
         path = Line(plan.path(s), plan.path(1.0)) if is_line else Part(plan.path, s, 1.0)
     expect_path(path)
@@ -252,7 +254,8 @@ def _check_instant(plan: CrossingPlan, t: float) -> None:
 def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
     """Raise InvalidInput unless the next plan begins with the motion of a plan at t [s].
 
-    Motor angles and speeds, platform, torques and deflections are compared, over the largest of the plan.
+    Motor angles, torques, the platform with two derivatives and the deflections with one are compared, over
+    the largest of the plan.
     """
     robot, other = plan.robot, following.robot
     if other is not robot and (other.name, other.flexibility) != (robot.name, robot.flexibility):

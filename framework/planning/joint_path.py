@@ -25,7 +25,7 @@ from framework.laws.path import Line, Path
 from framework.model.description import Platform
 from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import SAME_PLACE
+from framework.tolerances import FILE_ROUNDING, SAME_PLACE
 
 MAX_SETS = 5000  # of joints, whose singular values are compared at both ends
 MAX_TRACKED_SETS, MAX_TRACKED = 8, 48  # sets of joints, and lines in them, that are followed
@@ -50,7 +50,7 @@ def passive_joints(robot: ParallelRobot) -> list[str]:
     ]
 
 
-def in_joints(robot: ParallelRobot, joints: Sequence[str]) -> ParallelRobot:
+def with_platform_joints(robot: ParallelRobot, joints: Sequence[str]) -> ParallelRobot:
     """Return the robot with the positions of passive joints as its platform coordinates.
 
     Raises:
@@ -98,13 +98,11 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
         if at_ends[k] <= SAME_PLACE:
             break
         try:
-            selected = in_joints(robot, sets[k])
+            selected = with_platform_joints(robot, sets[k])
         except FrameworkError:  # not regular at the reference
             continue
-        for line in _lines_between(selected, start, goal):
+        for line in _lines_between(selected, start, goal)[: MAX_TRACKED - tracked]:
             tracked += 1
-            if tracked > MAX_TRACKED:
-                break
             try:
                 branch = track_path(selected, line)
             except FrameworkError:
@@ -151,4 +149,4 @@ def _is_same_pose(robot: ParallelRobot, q: Array, expected: Array) -> bool:
     """Return whether poses q and expected (T, nq) are the same, but for whole turns."""
     offset = np.array([difference(robot, e, p) for e, p in zip(expected, q, strict=True)])
     hinges = np.where(robot.sliding, 0.0, np.round(offset / (2.0 * np.pi)) * 2.0 * np.pi)
-    return bool(np.abs((offset - hinges) / robot.column_scale).max() < 1e-6)
+    return bool(np.abs((offset - hinges) / robot.column_scale).max() < FILE_ROUNDING)

@@ -37,7 +37,7 @@ from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
-from framework.planning.joint_path import JointPath, in_joints
+from framework.planning.joint_path import JointPath, with_platform_joints
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -87,7 +87,7 @@ def plan_crossing(robot: ParallelRobot, path: Path | JointPath, **options: Any) 
     Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
     """
     if isinstance(path, JointPath):
-        robot, path = in_joints(robot, path.joints), path.path
+        robot, path = with_platform_joints(robot, path.joints), path.path
     return plan_request(robot, Request.of(robot, path, **options))
 
 

@@ -61,7 +61,7 @@ from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_files
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
-from framework.planning.joint_path import in_joints
+from framework.planning.joint_path import with_platform_joints
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
@@ -364,7 +364,7 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
         source, flexibility=stated["flexibility"], parameters=stated["parameters"]
     )
     joints = stated["platform_joints"]
-    return robot if joints is None else in_joints(robot, joints)
+    return robot if joints is None else with_platform_joints(robot, joints)
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:

@@ -7,6 +7,7 @@ Lines of one plot also differ by their dashes. Text has a contrast of at least 4
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -117,6 +118,10 @@ _METADATA: dict[str, dict[str, str | None]] = {  # without a date
     "svg": {"Creator": PROGRAM, "Date": None},
     "pdf": {"Creator": PROGRAM, "CreationDate": None},
 }
+
+
+# matplotlib subsets fonts by fontTools, which warns of the dates of those with mathematical symbols
+logging.getLogger("fontTools").setLevel(logging.ERROR)
 
 
 def use_style() -> AbstractContextManager[None]:

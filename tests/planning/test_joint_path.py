@@ -9,7 +9,7 @@ import pytest
 import robots
 from framework import InvalidInput, JointPath, Line, NoAnswer, assemble, load_plan, plan_crossing, simulate
 from framework.cli import main
-from framework.planning import choose_joint_path, in_joints, save_plan
+from framework.planning import choose_joint_path, save_plan, with_platform_joints
 from framework.proofs.working_modes import working_modes
 from tests.oracles.equations_of_motion import defects_of
 
@@ -103,11 +103,11 @@ def test_legs_of_spatial_robots_flip(name, modes):
 
 def test_motors_are_no_joints_of_a_path():
     with pytest.raises(InvalidInput, match=r"left_motor has a motor.*left_elbow, right_elbow"):
-        in_joints(five_bar(), ["left_motor", "right_elbow"])
+        with_platform_joints(five_bar(), ["left_motor", "right_elbow"])
     with pytest.raises(InvalidInput, match="needs 2 different ones"):
-        in_joints(five_bar(), ["left_elbow", "left_elbow"])
+        with_platform_joints(five_bar(), ["left_elbow", "left_elbow"])
     with pytest.raises(InvalidInput, match="elbow"):
-        in_joints(five_bar(), ["left_elbow", "elbow"])
+        with_platform_joints(five_bar(), ["left_elbow", "elbow"])
 
 
 def test_a_saved_plan_keeps_its_joints(tmp_path):

@@ -144,10 +144,10 @@ def _propose_axes(robot: ParallelRobot, twists: list[Array], freedoms: int) -> t
             proposals.append(names)
         elif are_two_turns:
             proposals.append(stated[::-1])
-    return tuple(islice((names for names in proposals if _describe_the_platform(robot, names)), MAX_LISTED))
+    return tuple(islice((names for names in proposals if _is_movable_along(robot, names)), MAX_LISTED))
 
 
-def _describe_the_platform(robot: ParallelRobot, axes: Names) -> bool:
+def _is_movable_along(robot: ParallelRobot, axes: Names) -> bool:
     """Return whether the robot can be built with other axes of its platform, along which this moves."""
     platform = replace(robot.description.platform, axes=axes, joints=())
     reference = robot.reference_values(robot.reference.q)

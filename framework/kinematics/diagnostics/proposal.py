@@ -185,7 +185,7 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     # (nv, k) motions that move neither a mass nor a motor
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)
     holding = _choose_joints_to_hold(motions, idle, partial)
-    holding = _which_help(partial, holding)
+    holding = _select_helpful(partial, holding)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     remedies = f"{part}or {remedy}" if part else remedy
     raise RobotFileError(
@@ -261,7 +261,7 @@ def _advise_on_other_loops(partial: PartialRobot) -> str:
     first_group, *others = groups or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
-    to_lock = _which_help(partial, to_lock)
+    to_lock = _select_helpful(partial, to_lock)
     if not to_lock:
         return ""
     first_joint = first_group[0]
@@ -316,7 +316,7 @@ def _choose_best_motors(
     return best
 
 
-def _which_help(partial: PartialRobot, joints: list[str]) -> list[str]:
+def _select_helpful(partial: PartialRobot, joints: list[str]) -> list[str]:
     """Return the joints if the file is completed with them locked, else none."""
     return joints if joints and partial.is_answered(locked=dict.fromkeys(joints)) else []
 
@@ -374,7 +374,7 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
             "other motors"
         )
         raise _UndrivenMotions(message, motions, to_hold, why)
-    helpful = _which_help(partial, to_hold)
+    helpful = _select_helpful(partial, to_hold)
     advice = f", or hold joints (such as --lock {' '.join(helpful)})" if helpful else ""
     raise RobotFileError(f"{message}{advice}")
 

@@ -19,10 +19,12 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import split_row_space
 from framework.tolerances import BRANCHES_MEET, REFERENCE_DISTANCE
 
-STEP, STEPS = 0.05, 12  # [rad, robot lengths] of the joint that moves most, and number, of a motion
+STEP = 0.05  # [rad, robot lengths] of the joint that moves most
+STEPS = 12  # of a motion that looks for a singularity
+STEPS_AWAY = 4  # of a motion that leaves one, after which all directions are looked at again
 
 
-class Neighbour(NamedTuple):
+class NearSingularity(NamedTuple):
     """The singularity that is nearest to a pose."""
 
     kind: str  # "Type 1" or "Type 2"; "" if none is nearer than REFERENCE_DISTANCE
@@ -30,14 +32,14 @@ class Neighbour(NamedTuple):
     direction: Array  # (joints,) of the motion that leads there
 
 
-def nearest_neighbour(robot: ParallelRobot, q: Array) -> Neighbour:
+def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
     """Find the singularity nearest to the pose q (nq,) along the motions that the loops allow."""
-    nearest = Neighbour("", REFERENCE_DISTANCE, np.zeros(len(robot.joints)))
+    nearest = NearSingularity("", REFERENCE_DISTANCE, np.zeros(len(robot.joints)))
     # of combined loop equations, on which the signs depend
     bases = linearised_at(robot, q[None]).bases[0] if robot.structure.varies else None
     _, allowed = split_row_space(joint_loops_matrix(robot, q), BRANCHES_MEET)
     for direction in [*allowed, *-allowed]:
-        poses = _move(robot, q, direction)
+        poses = _move(robot, q, direction, STEPS)  # (T, nq)
         linearised = linearised_at(robot, poses, bases=bases)
         x = robot.platform.coordinates(linearised.frames)
         x = robot.platform.unwrap(x, x[0]) / robot.platform_scale
@@ -47,30 +49,31 @@ def nearest_neighbour(robot: ParallelRobot, q: Array) -> Neighbour:
             changed = np.flatnonzero(sign != sign[0])
             if len(changed):
                 distance = float(np.abs(moved[changed[0]] - moved[0]).max())
-                nearest = min(nearest, Neighbour(kind, distance, direction), key=lambda each: each.distance)
+                if distance < nearest.distance:
+                    nearest = NearSingularity(kind, distance, direction)
     return nearest
 
 
-def regular_reference(robot: ParallelRobot, *, max_moves: int = 4) -> tuple[Neighbour, Array | None]:
+def regular_reference(robot: ParallelRobot, *, max_moves: int = 4) -> tuple[NearSingularity, Array | None]:
     """Find a pose q (nq,) away from singularities that are near the reference; None if none are near.
 
     The pose is in the same modes and within the joints' ranges. It is also None if there is no such pose.
     """
-    first = neighbour = nearest_neighbour(robot, robot.reference.q)
+    first = near = find_near_singularity(robot, robot.reference.q)
     q = robot.reference.q
     for _ in range(max_moves):
-        if not neighbour.kind:
+        if not near.kind:
             break
-        q = _move(robot, q, -neighbour.direction)[:5][-1]
-        neighbour = nearest_neighbour(robot, q)
-    is_better = not neighbour.kind and not positions_beyond_limits(robot.limits, q[None])
+        q = _move(robot, q, -near.direction, STEPS_AWAY)[-1]
+        near = find_near_singularity(robot, q)
+    is_better = not near.kind and not positions_beyond_limits(robot.limits, q[None])
     return first, q if first.kind and is_better else None
 
 
-def _move(robot: ParallelRobot, q: Array, direction: Array) -> Array:
-    """Return poses (T, nq) from q on along a direction (joints,)."""
+def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int) -> Array:
+    """Return poses (T, nq) from q on along a direction (joints,), steps + 1 or fewer if loops open."""
     poses = [q]
-    for _ in range(STEPS):
+    for _ in range(steps):
         _, allowed = split_row_space(joint_loops_matrix(robot, poses[-1]), BRANCHES_MEET)
         direction = (allowed @ direction) @ allowed
         closed = move_closed(robot, poses[-1], STEP * direction / np.abs(direction).max())
