@@ -73,6 +73,16 @@ class BalanceState(NamedTuple):
         return float(self.cell_misfits.max())
 
 
+class Accuracy(NamedTuple):
+    """When a balance is settled, and how many cells it may take."""
+
+    misfit: float  # |F| over the largest load
+    max_cells: int
+
+
+CERTIFIED = Accuracy(1e-13, 600)  # of a motion whose torques are certified
+
+
 class Step(NamedTuple):
     """A Gauss-Newton step of the unknowns."""
 
@@ -139,12 +149,15 @@ class LinearBalance:
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
-        # the terms of rest are linear in the deflections, and do not depend on the scalars
-        unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
-        y = self._least_change(F, self.rest @ unknowns[:, None])
+        y = self._least_change(F, self.rest_of(state)[:, None])
         predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
+
+    def rest_of(self, state: BalanceState) -> Array:
+        """Compute the terms (rows,) that vanish at rest: linear in the deflections, whatever the scalars."""
+        unknowns = np.append(state.series, np.zeros(len(state.scalars)))
+        return np.asarray(self.rest @ (unknowns * self.sizes))
 
     def cancel_changes(self, F: Array) -> Array:
         """Compute changes (C + k, n) of the unknowns that cancel changes F (T n_e, n) and preserve rest."""
@@ -181,9 +194,10 @@ class LinearBalance:
 class BalanceEquations:
     """The equations F = 0 of a path and a family of laws."""
 
-    def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
-        """Store path and laws, and the steps (k,) of differences in the scalars."""
+    def __init__(self, branch: Branch, family: Family, steps: Array, accuracy: Accuracy = CERTIFIED) -> None:
+        """Store path and laws, the steps (k,) of differences in the scalars, and the accuracy."""
         self.branch = branch
+        self.accuracy = accuracy
         self.family = family
         self.steps = steps
         self.units = spring_units(branch.robot)

@@ -17,7 +17,7 @@ least rho is the solution of a linear program in the coefficients y of z. At a c
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 
 from framework.dynamics.loaded_balance import DeflectedMotion
 from framework.dynamics.loaded_measure import Softening, measure_softening
@@ -38,10 +38,10 @@ MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the so
 
 
 def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening | None:
-    """Find the least rho of the series z that meet condition (8), to first order; None if none is found.
+    """Find the least rho of the laws that meet condition (8), to first order; None if none is found.
 
     Args:
-        problem: an elastic robot's problem with z as one series.
+        problem: an elastic robot's problem.
         duration: [s], the unit of time.
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
@@ -57,12 +57,12 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         {"y": csr_array(-slopes / largest[:, None]), "rho": csr_array(1.0 / largest[:, None])},
         -softening.offset / largest,
     )
-    positive = program.positive_rows
-    # a law must advance everywhere; the program has no strict z > 0, but a lower bound
-    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -LEAST_SQUARED_SPEED))
+    # a law must advance everywhere; the program has no strict z > 0, but a lower bound of the coefficients
+    size = program.basis.size
+    above_least = AffineRows({"y": eye_array(size, format="csr")}, np.full(size, -LEAST_SQUARED_SPEED))
     optimum = solve_cone_program(
         ConeProgram(
-            {"y": program.basis.size, "rho": 1},
+            {"y": size, "rho": 1},
             {"rho": np.ones(1)},
             equal=[_scale_conditions(program.conditions, unit)],
             nonnegative=[above_least, below_rho],
