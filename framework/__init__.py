@@ -8,6 +8,7 @@ A robot, a path, and where the joints are:
   describes, also a `Mechanism` whose loops do not close;
 * `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform;
 * `assemble`, `forward_kinematics`, `track_path`: the joints of a pose, and along a path;
+  `forward_kinematics_stack`, `follow_motors`: of many motor angles at once, and as encoder samples come;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e.
 
 Singularities:
@@ -36,48 +37,26 @@ Dynamics without a plan:
 Errors have one base, `FrameworkError`: `InvalidInput` when what was given cannot be right, `NoAnswer` when
 the answer is no. `framework.errors` has one for each reason.
 
-Beyond these names:
+Beyond these names, each package has its own, with the records that its functions return; nothing that lies
+deeper is public:
 
+* `framework.laws`: paths and laws, and what those of one's own have to be; `framework.model`: what a robot
+  file says, springs from a beam's section;
+* `framework.kinematics`: poses of many motor angles at once, derivatives of a pose along motors and springs;
+  `framework.singularity`: records of points, classes and curves; a robot moved by hand;
+* `framework.dynamics`: stiffness, loads, derivatives of accelerations, torques without a proof;
+  `framework.planning`: what a plan consists of, what condition (8) asks of a law, bounds that no law passes;
+* `framework.proofs`: all assembly and working modes, proved; `framework.atlas`: maps, margins, the nearest
+  pose to one out of reach, dimensions, a way from one assembly mode to another;
 * `framework.control`: controllers on robots that differ from their model, and studies of many;
-  `framework.simulation`: events and single steps;
+  `framework.simulation`: events and single steps; `framework.fidelity`: the least model that is enough;
 * `framework.identification`: calibration of the geometry, identification of masses and friction;
-  `framework.kinematics.velocity_matrices`: also the derivatives of a pose along them;
-* `framework.laws.law`, `framework.laws.path`: what laws and paths of one's own have to be;
-* `framework.model.beams`: springs from a beam's section; `framework.dynamics.stiffness`,
-  `framework.dynamics.loading`: what they do;
-* `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins
-  and the nearest pose to one out of reach, dimensions;
-  `framework.atlas.nonsingular_mode_change`: a way from one assembly mode to another;
-  `framework.proofs.assembly_modes`: all modes of given motors, proved;
-* `framework.kinematics.continuation.forward_kinematics`: poses of many motor angles at once;
-  `framework.dynamics.forward_dynamics`: derivatives of accelerations;
-  `framework.dynamics.finite_differences`: torques without a proof;
-* `framework.show.plots`, `framework.show.map`, `framework.show.drawing`: figures;
-  `framework.show.jupyter`: robots and plans in notebooks;
-* `framework.catalogue`: robots by name.
+* `framework.files`: files for other programs; `framework.show`: figures, pages, pictures in notebooks;
+* `framework.catalogue`: robots by name; `framework.numerics`: series in time, types of arrays.
 """
 
-from __future__ import annotations
+from framework.lazy_names import lazy_names
+from framework.moved_modules import install
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from framework.public import *  # noqa: F403
-else:
-
-    def __getattr__(name: str) -> Any:
-        """Return a public name; all are imported when the first is asked for.
-
-        The command line begins here, and has to hear Ctrl-C before half a second of imports has passed.
-        """
-        public = import_module("framework.public")
-        names = {"__all__": public.__all__, **{each: getattr(public, each) for each in public.__all__}}
-        globals().update(names)
-        try:
-            return names[name]
-        except KeyError:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
-
-    def __dir__() -> list[str]:
-        return sorted(import_module("framework.public").__all__)
+__getattr__, __dir__ = lazy_names(__name__, __file__)
+install()

@@ -187,7 +187,7 @@ def expect_call(what: str, given: object, attributes: Sequence[str], such_as: st
 
 def check_order(order: object, highest: int | None = None) -> None:
     """Raise InvalidInput unless this can be the order of a derivative, 0 for the value itself."""
-    whole = isinstance(order, int | np.integer) and not isinstance(order, bool)
+    whole = type(order) is int or (isinstance(order, int | np.integer) and not isinstance(order, bool))
     if not whole or order < 0 or (highest is not None and order > highest):  # type: ignore[operator]
         valid = "of at least 0" if highest is None else f"from 0 to {highest}"
         raise InvalidInput(f"order: must be a whole number {valid}, got {short(order)}")

@@ -6,3 +6,7 @@ map. `design_study` computes a small map for each set of dimensions. `nearest` f
 pose, and the pose nearest to a platform target out of reach. `nonsingular_mode_change` changes the assembly
 mode by a loop of the motors around a cusp.
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("design_study", "workspace_map"))

@@ -34,6 +34,7 @@ from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
+from framework.moved_modules import renamed_names
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.input import csv_rows, read_text
 from framework.numerics.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
@@ -270,3 +271,6 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
         raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
     values = [finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]]
     return Designs(names, np.array(values))
+
+
+__getattr__ = renamed_names(__name__, {"designs_of": "read_designs"})

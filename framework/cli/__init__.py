@@ -17,7 +17,7 @@ Commands
     fidelity            `fidelity` and `capacity`: the least model, and the largest wrench, for a motion
     simulate            the robot driven by the planned torques
     robustness          `robustness`, and `robustness STUDY --replay K`
-    identification      `calibrate`, `identify`: the geometry, and parameters of torques, from recorded data
+    identification      `excite`, `calibrate`, `identify`: motions to record, geometry, parameters of torques
     show, export        `show`, `report`: pages of motions and plans; files for other programs
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input

@@ -140,6 +140,16 @@ COMMANDS = {
         "export",
         required=("ROBOT", "--to FORMAT", "--out FILE"),
     ),
+    "excite": Command(
+        "a periodic motion to record for identify, within limits: what it will show, and to how many digits",
+        (
+            "crossing excite five_bar --duration 5 --out excite.csv",
+            "crossing excite five_bar_heavy --duration 5 --only payload --torque-limit 0.1",
+        ),
+        "identification",
+        "The motion keeps clear of singularities of Type 1 and Type 2 and within the joints' ranges. It is "
+        "checked by forward simulation: the parameters are identified from a simulated recording.",
+    ),
     "calibrate": Command(
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
         (

@@ -1,20 +1,24 @@
-"""`crossing calibrate` and `crossing identify`: fit geometry and parameters to recorded data."""
+"""`crossing calibrate`, `identify`, `excite`: fit a file to recorded data; motions to record."""
 
 from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot
+from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot, not_empty
 from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.conversions import Conversions
+from framework.identification.excite import GRAVITY, TRIALS, Excitation, digits, excite
 from framework.identification.identify import Identification, identify
+from framework.identification.recording import make_sensors
+from framework.numerics.output import write_files
 from framework.tolerances import MIN_RANK_GAP
 
 CALIBRATED = """\
@@ -114,8 +118,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
 
 IDENTIFIED = """\
 {0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e})
-  data              {0.instants} samples, {0.equations} equations; angles up to {0.cutoff:.3g} Hz, \
-poses by the {0.poses}
+  data              {0.instants} samples every {0.period:.4g} s{jitter}, {0.equations} equations; angles up \
+to {0.cutoff:.3g} Hz, poses by the {0.poses}
   noise of torques  {noise}{massless}
   torques held out: error over torque, and by how many deviations of chance it is worse than the twin"""
 
@@ -129,13 +133,7 @@ def add_identify_options(parser: OneLineParser) -> None:
         "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
     )
     group = parser.topic("what to identify")
-    group.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help="payload, friction, rotor, or names of links, joints or parameters; others stay as in the file",
-    )
+    _add_only(group)
     group.add_argument(
         "--prior",
         metavar="P",
@@ -159,6 +157,14 @@ def add_identify_options(parser: OneLineParser) -> None:
         help="deviation of errors of the torques that last: scale (share of a torque, default 0.005), offset "
         "(share of its root mean square), delay [s]",
     )
+    group.add_argument(
+        "--start",
+        nargs="+",
+        default=[],
+        metavar="JOINT=VALUE",
+        help="joints near the first row, if the motion begins in another mode than the reference (default: "
+        "as columns joint_NAME or platform_AXIS tell)",
+    )
     add_number(group, "--cutoff", "F", "highest frequency of the angles [Hz] (default: by cross-validation)")
     group.add_argument(
         "--poses",
@@ -170,6 +176,17 @@ def add_identify_options(parser: OneLineParser) -> None:
     add_overwrite(parser)
 
 
+def _add_only(group: Any) -> None:
+    """Add --only."""
+    group.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="payload, friction, rotor, or names of links, joints or parameters; others stay as in the file",
+    )
+
+
 def _add_conversions(group: Any) -> None:
     """Add the options that declare units, signs and exchanged columns."""
     for flag, form, text in (
@@ -179,6 +196,7 @@ def _add_conversions(group: Any) -> None:
             "of a column, or of all motor_angle, torque, platform, joint: deg, mm, ms ..",
         ),
         ("--sign", "COLUMN=-1", "columns, or all of a kind, that count the other way"),
+        ("--zero", "COLUMN=VALUE", "readings where columns are zero, in SI units, after unit and sign"),
         ("--swap", "COLUMN=COLUMN", "columns that are exchanged for one another"),
     ):
         group.add_argument(flag, nargs="+", default=[], metavar=form, help=text)
@@ -189,6 +207,7 @@ def _conversions(options: Namespace) -> Conversions:
     return Conversions(
         units=_named_words("--unit", options.unit),
         signs=arguments.named_numbers("--sign", options.sign, "COLUMN=-1"),
+        zeros=arguments.named_numbers("--zero", options.zero, "COLUMN=VALUE"),
         swaps=_named_words("--swap", options.swap),
     )
 
@@ -212,6 +231,7 @@ def run_identify(options: Namespace) -> Report:
         only=options.only,
         cutoff=options.cutoff,
         poses=options.poses,
+        start=arguments.named_numbers("--start", options.start, "JOINT=VALUE"),
         prior=arguments.share("--prior", options.prior),
         massless=options.massless,
         sensor_errors=arguments.named_numbers("--sensor-error", options.sensor_error, "KIND=VALUE"),
@@ -237,9 +257,11 @@ def identification_lines(identification: Identification, *, everything: bool = F
     base = identification.base
     robot = identification.robot
     noise = zip(robot.actuator_names, identification.noise, robot.torque_units, strict=True)
+    least = 1e-3 * identification.period  # of a jitter that is told
     words = {
         "parameters": len(base.parameters),
         "noise": ", ".join(f"{joint} {value:.2g} {unit}" for joint, value, unit in noise),
+        "jitter": f" (+- {0.5 * identification.jitter:.1g})" if identification.jitter > least else "",
         "massless": f"\n  massless          left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
     lines = [IDENTIFIED.format(identification, **words)]
@@ -264,4 +286,112 @@ def identification_lines(identification: Identification, *, everything: bool = F
         lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}".format(*row) for row in rows]
     if identification.changed:
         lines.append(f"  off the file      {'; '.join(identification.changed)}")
+    return lines
+
+
+# ------------------------------------------------------------------ crossing excite
+
+EXCITED = """\
+{0.robot.name}: {1:g} s in {2:g} periods; deviations are {0.improvement:.2g} times smaller than of the first \
+motion tried
+  start             {3}, at rest
+  largest torques   {4}
+  largest speeds    {5}
+  checked           by forward simulation, within {0.tracking_error:.1e} of the motion (robot lengths, rad)
+  shown             {7} of {8} quantities, by a simulated recording of {6} samples with noise
+  quantity\tfile\tfound\tdeviation\tdigits\tunit"""
+
+
+def add_excite_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing excite`."""
+    add_robot(parser)
+    group = parser.topic("the motion")
+    add_number(group, "--duration", "T", "of the motion [s] (default: 10)", default=10.0)
+    _add_only(group)
+    for name in ("torque_limit", "speed_limit"):
+        text = (
+            f"{name.partition('_')[0]} limits of the motors: one, one each, or JOINT=N (default: the file's)"
+        )
+        group.add_argument(f"--{name.replace('_', '-')}", nargs="+", metavar="N", help=text)
+    add_number(
+        group,
+        "--acceleration",
+        "A",
+        "largest of the platform [m/s^2], for turns times the robot's length (default: %(default)s)",
+        default=GRAVITY,
+    )
+    group.add_argument(
+        "--clearance",
+        default="30%",
+        metavar="SHARE",
+        help="of the reference's distance from singularities that the motion keeps (default: 30%%)",
+    )
+    parser.add_argument(
+        "--out", type=not_empty, metavar="FILE", help="write the motion there, such as motion.csv"
+    )
+    add_overwrite(parser)
+    parser.add_argument(
+        "--sensors",
+        nargs="+",
+        default=["rate=500"],
+        metavar="NAME=VALUE",
+        help="of the simulated recording, and the rate of FILE, as for simulate (default: rate=500)",
+    )
+
+
+def run_excite(options: Namespace) -> Report:
+    """Design a motion; report what a simulated recording of this motion shows."""
+    robot = arguments.load(options)
+    stated: dict[str, Any] = {
+        name: arguments.limits(f"--{name.replace('_', '-')}", words)
+        for name in ("torque_limit", "speed_limit")
+        if (words := getattr(options, name)) is not None
+    }
+    excitation = excite(
+        robot,
+        duration=options.duration,
+        only=options.only,
+        acceleration=options.acceleration,
+        clearance_share=arguments.share("--clearance", options.clearance),
+        sensors=make_sensors(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE")),
+        progress=options.progress.start("searching", TRIALS, "motions"),
+        **stated,
+    )
+    document = excitation.to_dict()
+    options.refusal = excitation.refusal
+    if options.out is not None:
+        write_files({FilePath(options.out): excitation.to_csv()}, option="--out", overwrite=options.overwrite)
+        options.written = document["file"] = options.out
+    return document, excitation_lines(excitation)
+
+
+def excitation_lines(excitation: Excitation) -> list[str]:
+    """Return the report on a motion, in words."""
+    robot = excitation.robot
+    motion = excitation.motion
+    duration = float(motion.times[-1])
+    values = [
+        ", ".join(
+            f"{joint} {value:.3g} {unit}"
+            for joint, value, unit in zip(
+                robot.actuator_names, np.abs(largest).max(axis=0), units, strict=True
+            )
+        )
+        for largest, units in ((motion.torque, robot.torque_units), (motion.speed, robot.speed_units))
+    ]
+    shown = excitation.shown
+    quantities = excitation.identification.quantities
+    place = robot.place(motion.x[0])
+    counts = (excitation.identification.instants, len(shown), len(quantities))
+    lines = [EXCITED.format(excitation, duration, duration / excitation.period, place, *values, *counts)]
+    lines += [
+        f"  {quantity.name}\t{quantity.file:.5g}\t{quantity.value:.5g}\t{quantity.deviation:.2g}"
+        f"\t{f'{digits(quantity):.1f}' if quantity.file else '-'}\t{quantity.unit}"
+        for quantity in shown
+    ]
+    hidden = [quantity.name for quantity in quantities if not quantity.determined]
+    if hidden:
+        lines.append(
+            f"  not shown         {', '.join(hidden[:MAX_LISTED])}{' ..' * (len(hidden) > MAX_LISTED)}"
+        )
     return lines

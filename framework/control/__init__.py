@@ -14,34 +14,6 @@ Open `study` first (many runs), then `closed_loop` (the loop over sampling perio
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
-from framework.control.closed_loop import ControlLoop, Run, Spread, Variation, draw, run_closed_loop
-from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import (
-    CONTROLLERS,
-    Controller,
-    Measurement,
-    Reference,
-    reference_of,
-    tuned_controller,
-)
-from framework.control.study import Study, StudySetup, load_study, run_study
+from framework.lazy_names import lazy_names
 
-__all__ = [
-    "CONTROLLERS",
-    "ControlCycle",
-    "ControlLoop",
-    "Controller",
-    "Measurement",
-    "Reference",
-    "Run",
-    "Spread",
-    "Study",
-    "StudySetup",
-    "Variation",
-    "draw",
-    "load_study",
-    "reference_of",
-    "run_closed_loop",
-    "run_study",
-    "tuned_controller",
-]
+__getattr__, __dir__ = lazy_names(__name__, __file__)

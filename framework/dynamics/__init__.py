@@ -32,3 +32,7 @@ At rest
     static_fold             how soft springs may be before they give way at rest
     loading                 equilibria under a growing load
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

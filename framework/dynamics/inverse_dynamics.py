@@ -243,7 +243,7 @@ def resolve(
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
         missing = find_missing_forces(searched.branch, solution, result)
-        result = replace(result, certificate=measure_residuals(solution, result, missing))
+        result = measure_residuals(solution, result, missing)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
@@ -422,8 +422,9 @@ class _Refinement:
             certificate=certificate,
         )
         self.certificates.append(certificate)
-        if self.geometry != "rigid":
-            self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
+        if self.geometry == "rigid":
+            return result
+        self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
         return replace(result, crossings=self.crossings)
 
 
@@ -442,13 +443,15 @@ def _check_result(
     """
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
     check_crossings(robot, solution, result)
-    certificate = replace(result.certificate, max_held_torque=check_idle_joints(robot, missing))
+    max_held_torque = check_idle_joints(robot, missing)
+    if max_held_torque:
+        result = replace(result, certificate=replace(result.certificate, max_held_torque=max_held_torque))
     planned_friction = PlannedFriction.from_speed(
         motor_friction(robot, friction),
         lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
         result.duration,
     )
-    return replace(result, certificate=certificate, friction=planned_friction)
+    return result if planned_friction is None else replace(result, friction=planned_friction)
 
 
 def check_law(law: MotionLaw) -> None:
@@ -506,11 +509,11 @@ def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques:
     # Both factors are a few units of double precision.
     kinetic_energy = robot.mass * (robot.length / solution.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
+    torque_tail = _tail_above_rounding(torques, torque_rounding)
+    if not robot.n_e:
+        return torque_tail
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(
-        _tail_above_rounding(torques, torque_rounding),
-        _tail_above_rounding(grid.fit(solution.caused), deflection_rounding),
-    )
+    return max(torque_tail, _tail_above_rounding(grid.fit(solution.caused), deflection_rounding))
 
 
 def _end_speed(robot: ParallelRobot, v: Array) -> float:

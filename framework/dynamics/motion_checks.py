@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from framework.dynamics.elasticity import Pass, spring_scale
 from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
-from framework.dynamics.result import Certificate, InverseDynamics
+from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
 from framework.kinematics.continuation.tracking import Branch
@@ -62,8 +62,8 @@ class MissingForces(NamedTuple):
     residual: Array  # (T, nv) the missing forces
 
 
-def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> Certificate:
-    """Return the certificate with the largest loop gap and residual torque, on and between nodes.
+def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> InverseDynamics:
+    """Return the result with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
 
@@ -84,12 +84,13 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
         poses.solved_residual,  # at `times`, with the errors of the series
         poses.residual[:, : robot.n],  # of the platform equations, at `times`
     )
-    return replace(
+    certificate = replace(
         result.certificate,
         max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
         max_residual_torque=float(np.abs(residual).max()),
         rounded_gap=_rounded_gap(robot, solution.motion.q),
     )
+    return replace(result, certificate=certificate)
 
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
@@ -283,8 +284,8 @@ def _residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Arra
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(r)
-    residual[:, columns] = np.einsum("tn,tnv->tv", w, linearised.platform[:, :, columns])  # X' w
-    loop_forces = np.einsum("tm,tmv->tv", lambda_, linearised.closures[:, :, idle])  # J' lambda
+    residual[:, columns] = np.vecmat(w, linearised.platform[:, :, columns])  # X' w
+    loop_forces = np.vecmat(lambda_, linearised.closures[:, :, idle])  # J' lambda
     residual[:, idle] = r[:, idle] - loop_forces
     return residual
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from framework.errors import InvalidInput, choose_from, real_numbers, short
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, read_only
 
 # One limit for all motors; a limit for each motor, None or infinite if unlimited; or limits by joint.
 Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None
@@ -26,10 +27,10 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     Raises:
         InvalidInput: a wrong number of limits, a joint without a motor, or a limit that is not positive.
     """
-    in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
     if stated is None:
-        stated = {}
+        return _limits_in_file(robot, name)
     if isinstance(stated, Mapping):
+        in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
         for joint in stated:
             if joint not in in_file:
                 raise InvalidInput(f"{name}: {choose_from('motor', joint, in_file)}")
@@ -47,6 +48,12 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
             f"None where there is no limit, or some by joint, got {short(stated)}"
         )
     return np.broadcast_to(numbers, robot.n_a).copy()
+
+
+@lru_cache(maxsize=16)
+def _limits_in_file(robot: ParallelRobot, name: str) -> Array:
+    """Return the limits (n_a,) of the robot file, as `motor_limits`."""
+    return read_only(motor_limits(robot, name, {}))
 
 
 def is_limited(stated: Limit) -> bool:

@@ -19,7 +19,7 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
-from framework.kinematics.modes import mode_signs
+from framework.kinematics.modes import passive_determinants
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, edges_of, law_derivatives
@@ -32,6 +32,7 @@ from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion, uncont
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
+ROUNDING_SHARE = 1e-15  # of the duration: a shorter Newton step to a root of the law is rounding
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
 
 
@@ -69,6 +70,8 @@ def panel_edges(
         crossings = np.sort(np.fromiter(avoid, dtype=float))
         if len(crossings) > max_crossings_on_panel:
             edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
+    if not len(branch.knots):
+        return edges
     return np.unique(np.concatenate([edges, *find_instants(law, edges, branch.knots)]))
 
 
@@ -103,11 +106,14 @@ def find_instants(
     t = np.array(times)  # (R,)
     owner = np.array(owners, dtype=int)
     targets = np.array(places)[owner]
+    rounding = ROUNDING_SHARE * edges[-1]  # [s]
     for _ in range(newton_steps if len(t) else 0):
-        slope = np.asarray(law(t, 1))
+        value, slope = law_derivatives(law, t, 2)
         # no step where the law stands still
-        step = np.divide(np.asarray(law(t)) - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
-        t = np.clip(t - step, starts[panels], edges[1:][panels])
+        step = np.divide(value - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
+        t = (t - step).clip(starts[panels], edges[1:][panels])
+        if np.abs(step).max() < rounding:
+            break
     is_root = np.abs(np.asarray(law(t)) - targets) < LAW_ROOT_ROUNDING  # an extremum close to s is none
     instants = [np.sort(t[is_root & (owner == k)]) for k in range(len(places))]
     # a root at an edge is found on both panels
@@ -145,9 +151,9 @@ def find_crossed_points(
     ]
     if not crossed:
         return []
-    speeds = np.abs(law(np.array([t for t, _ in crossed]), 1))
-    largest_speed = np.abs(law(np.linspace(0.0, law.duration, SAMPLES), 1)).max()
-    stops = speeds <= STOP_AT_CROSSING * largest_speed
+    along = np.linspace(0.0, law.duration, SAMPLES)
+    speeds = np.abs(law(np.append([t for t, _ in crossed], along), 1))
+    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds[-SAMPLES:].max()
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
@@ -317,7 +323,7 @@ def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamic
     """
     if result.geometry == "rigid" and robot.n_e:
         return
-    _, signs = mode_signs(robot, solution.motion.linearised)  # (T,) of the assembly mode
+    signs, _ = passive_determinants(solution.motion.linearised)  # (T,) of the assembly mode
     times = solution.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):

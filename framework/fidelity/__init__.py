@@ -5,3 +5,7 @@ the torques of each level along one motion, estimates their errors without simul
 to plan with. `model_comparison` simulates the torques in the highest model. `capacity` finds the largest load
 with which the robot still crosses within its limits.
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("fidelity_study",))

@@ -2,3 +2,7 @@
 
 Open `mjcf` first, which writes a MuJoCo model. `trajectory_file` writes the message for ros2_control.
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

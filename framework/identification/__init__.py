@@ -6,7 +6,8 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `recording` reads data and simulates them, `conversions` declares their units and signs.
+measured poses. `excite` designs a motion to record. `recording` reads data and simulates them, `conversions`
+declares their units and signs.
 
     combinations     the combinations of parameters that a regressor determines
     measured_motion  the motion of all joints from recorded samples
@@ -16,22 +17,6 @@ measured poses. `recording` reads data and simulates them, `conversions` declare
     geometry         errors of joint origins and of lengths, and equations for these errors
 """
 
-from framework.identification.base_parameters import BaseParameters, base_parameters
-from framework.identification.calibrate import Calibration, calibrate
-from framework.identification.conversions import Conversions
-from framework.identification.identify import Identification, identify
-from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
+from framework.lazy_names import lazy_names
 
-__all__ = [
-    "BaseParameters",
-    "Calibration",
-    "Conversions",
-    "Identification",
-    "Recording",
-    "Sensors",
-    "base_parameters",
-    "calibrate",
-    "identify",
-    "read_recording",
-    "record_sensors",
-]
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("base_parameters", "calibrate", "excite", "identify"))

@@ -40,6 +40,7 @@ class Conversions:
 
     units: Mapping[str, str] = field(default_factory=dict)  # such as {"motor_angle": "deg"}
     signs: Mapping[str, float] = field(default_factory=dict)  # such as {"torque_left": -1}
+    zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
     swaps: Mapping[str, str] = field(default_factory=dict)  # columns that are exchanged for one another
 
     def convert(self, data: Recording) -> Recording:
@@ -64,12 +65,15 @@ class Conversions:
             if abs(sign) != 1.0:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
             values[:, _columns_of(names, column, "--sign")] *= sign
+        for column, zero in self.zeros.items():
+            values[:, _columns_of(names, column, "--zero")] -= zero
         return replace(data, names=tuple(names), values=values)
 
     def __str__(self) -> str:
         """Return the options of the command line that declare these conversions."""
         words = [f"--unit {column}={unit}" for column, unit in self.units.items()]
         words += [f"--sign {column}={sign:g}" for column, sign in self.signs.items()]
+        words += [f"--zero {column}={zero:g}" for column, zero in self.zeros.items()]
         return " ".join([*words, *(f"--swap {one}={other}" for one, other in self.swaps.items())])
 
 

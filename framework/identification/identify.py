@@ -101,6 +101,8 @@ class Identification(ReadOnlyArrays):
     poses: str  # source of the poses: motors or platform
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors' joints from their angles
     instants: int
+    period: float  # [s] median of the time steps
+    jitter: float  # [s] largest step minus the least
     equations: int  # of the fit
     order: int  # of the autoregressive noise
     seconds: float
@@ -196,7 +198,17 @@ class Identification(ReadOnlyArrays):
         motors = self.robot.actuator_names
         keys = ("name", "value", "standard_deviation", "file")
         columns = (self.base.names, self.values, self.deviations, self.base.values)
-        others = ("cutoff", "poses", "motor_misfit", "instants", "equations", "order", "seconds")
+        others = (
+            "cutoff",
+            "poses",
+            "motor_misfit",
+            "instants",
+            "period",
+            "jitter",
+            "equations",
+            "order",
+            "seconds",
+        )
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.base, "rank", "gap", "certain"),
@@ -225,6 +237,7 @@ def identify(
     only: Sequence[str] = (),
     cutoff: float | None = None,
     poses: str | None = None,
+    start: Mapping[str, float] | None = None,
     prior: float = 1.0,
     massless: bool = False,
     sensor_errors: Mapping[str, float] | None = None,
@@ -242,6 +255,8 @@ def identify(
         cutoff: highest frequency that smoothing passes [Hz]; by default from cross-validation.
         poses: "motors" or "platform", from which poses are computed; by default the motors, then the platform
             if that fails.
+        start: joints' positions near the first row [rad, m], if the motion begins in another mode than the
+            reference; by default from columns joint_NAME or the measured platform, else the reference.
         prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
         massless: whether to include bodies that have no mass in the file.
         sensor_errors: standard deviations of errors of the torque sensors: `scale` (share of a torque, by
@@ -263,19 +278,19 @@ def identify(
         not_negative(name, value)
     base = base_parameters(robot, massless=massless)
     links = collect_link_parameters(robot, base.described)
-    free = _free_parameters(robot, base, links, only)
+    free = free_parameters(robot, base, links, only)
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
-    _refuse_mistaken_columns(robot, base, data, poses)
-    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
+    _refuse_mistaken_columns(robot, base, data, poses, start)
+    measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, start=start, progress=progress)
     rows = torque_rows(robot, measured, base)
     if held_out is None:
         is_test = _mask_held_out(measured.times)
         test, rows = rows.restrict(is_test), rows.restrict(~is_test)
     else:
         other = measured_motion(
-            robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses
+            robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses, start=start
         )
         test = torque_rows(robot, other, base)
 
@@ -315,6 +330,8 @@ def identify(
         poses=measured.source,
         motor_misfit=measured.motor_misfit,
         instants=len(measured.times),
+        period=float(np.median(np.diff(measured.times))),
+        jitter=float(np.ptp(np.diff(measured.times))),
         equations=fit.equations,
         order=fit.order,
         seconds=clock.perf_counter() - started,
@@ -366,7 +383,7 @@ def _torque_steps(torque: Array) -> Array:
 # ------------------------------------------------------------------ which parameters
 
 
-def _free_parameters(
+def free_parameters(
     robot: ParallelRobot, base: BaseParameters, links: LinkParameters, only: Sequence[str]
 ) -> IntArray:
     """Return the indices (f,) of the parameters of links and motors that are asked for; all without names.
@@ -556,6 +573,7 @@ def _refuse_mistaken_columns(
     base: BaseParameters,
     data: Recording,
     poses: str | None,
+    start: Mapping[str, float] | None,
     *,
     max_instants: int = 100,
     max_factor: float = 4.0,  # of the masses in the file
@@ -579,7 +597,8 @@ def _refuse_mistaken_columns(
         moving = recording.values[:, is_motion].tobytes()
         rows = known.get(moving)
         if rows is None or robot.n_a > robot.n:
-            rows = torque_rows(robot, measured_motion(robot, recording, poses=poses, stride=stride), base)
+            measured = measured_motion(robot, recording, poses=poses, start=start, stride=stride)
+            rows = torque_rows(robot, measured, base)
             known[moving] = rows
         rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[::stride])
         if rows.valid.mean() < min_moving:

@@ -11,14 +11,16 @@ filtered: the least squares of `identify` averages their noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotAssembled, Type2Singularity
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type2Singularity, check_choice
 from framework.identification.recording import Recording
+from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
     check_motors_are_free,
     follow_motors,
@@ -26,13 +28,15 @@ from framework.kinematics.continuation.forward_kinematics import (
 )
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
-from framework.kinematics.frames import full_motion
+from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
+from framework.proofs.working_modes import working_modes
 from framework.tolerances import MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
 
 MIN_SAMPLES = 64  # of a recording
@@ -74,6 +78,7 @@ def measured_motion(
     *,
     cutoff: float | None = None,
     poses: str | None = None,
+    start: Mapping[str, float] | None = None,
     stride: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
@@ -83,6 +88,7 @@ def measured_motion(
         cutoff: highest frequency that smoothing passes [Hz]; by default from cross-validation.
         poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
             which works at Type 2 singularities too. The default is "motors", then "platform" if that fails.
+        start: joints' positions near the first row [rad, m], see `_begin_at_first_row`.
         stride: of the samples whose poses are computed; all are smoothed.
         progress: called with the number of poses computed from the motors.
 
@@ -98,6 +104,7 @@ def measured_motion(
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
+    robot = _begin_at_first_row(robot, data, start or {})
     torque = _read_torques(robot, data)[::stride]
     joints = smooth(times, _read_motor_joints(robot, data), cutoff).thin(stride)
 
@@ -155,6 +162,50 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+
+
+def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
+    """Return the robot with the pose of the first row as its reference, if more than the motors tell of it.
+
+    That are joints in `start`, else columns joint_NAME, else the measured platform: of its working modes the
+    one that has the motors where they are. Assembly and working mode may differ from those of the file.
+
+    Raises:
+        InvalidInput: `start` has an unknown joint.
+        NotAssembled: the loops do not close near these joints.
+    """
+    single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
+    for joint in start:
+        check_choice("joint of --start", joint, single)
+    motors = dict(zip(robot.actuator_names, _read_motor_joints(robot, data)[0].tolist(), strict=True))
+    measured = {
+        joint: float(data.column(f"joint_{joint}")[0]) for joint in single if data.has("joint", [joint])
+    }
+    if start or measured:
+        stated = {**robot.description.reference, **motors, **measured, **start}
+        description = replace(robot.description, reference=stated)
+        q = ParallelRobot.from_description(description).reference.q
+    elif data.has("platform", robot.axis_names):
+        x = data.columns("platform", robot.axis_names)[0]
+
+        def misfit(q: Array) -> float:
+            """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
+            offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
+            return float(_motor_distances(robot, offset).max())
+
+        poses: list[Array] = []
+        with suppress(NoAnswer):
+            poses.append(assemble(robot, x).q)
+        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
+            poses += [mode.q for mode in working_modes(robot, x).modes]
+        q = min(poses, key=misfit, default=robot.reference.q)
+        if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
+            return robot
+    else:
+        return robot
+    frames = frames_at(robot, q[None])
+    pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
+    return replace(robot, reference=pose)
 
 
 # ------------------------------------------------------------------ smoothing
@@ -345,7 +396,8 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
         f"{robot.place(x)}, where they do not determine how the robot continues; the poses "
-        f"must come from the measured platform (platform_{robot.axis_names[0]} ...)",
+        f"must come from the measured platform (platform_{robot.axis_names[0]} ...), or the motion begins "
+        f"elsewhere than the reference (--start)",
         q=q,
         residual=residual,
         share=share,
@@ -381,15 +433,27 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
         InvalidInput: the offset is too large to be a small error of the file.
     """
     offset = robot.actuated_coordinates(motion.q) - q_a  # (T, n_a) [rad, m]
-    turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
-    distance = np.abs(offset - turns) / robot.column_scale[robot.actuated]
+    distance = _motor_distances(robot, offset)
     k, motor = np.unravel_index(distance.argmax(), distance.shape)  # instant and motor of the largest one
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
+        zero = float(np.mean(offset[:, motor]))
+        rest = _motor_distances(robot, offset - zero)[:, motor].max()
+        advice = "look at zero, sign and gear ratio, or at the assembly mode of the robot file"
+        if rest < 0.1 * largest:
+            reading = -zero * float(robot.gear_ratio[motor])
+            advice = (
+                f"but its zero alone is off: --zero motor_angle_{robot.actuator_names[motor]}={reading:.6g}"
+            )
         raise InvalidInput(
             f"{data.source}: {data.row(int(k))}: motor_angle_{robot.actuator_names[motor]} "
             f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "
-            f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; look at zero, sign and gear "
-            f"ratio, or at the assembly mode of the robot file"
+            f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; {advice}"
         )
     return largest
+
+
+def _motor_distances(robot: ParallelRobot, offset: Array) -> Array:
+    """Return sizes (..., n_a) of offsets of the motors' joints: radians up to whole turns, robot lengths."""
+    turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+    return np.abs(offset - turns) / robot.column_scale[robot.actuated]

@@ -27,3 +27,7 @@ For the user
     placements          where joints and frames are drawn
     diagnostics/        `check`: mobility, advice; a pose by the names of its file
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

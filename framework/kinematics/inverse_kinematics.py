@@ -138,25 +138,29 @@ def close_each(
     q = guess.copy()
     inputs = q if x is None else np.concatenate([q, x], axis=1)
     # indices of the instants that have not been dropped, at first those with finite inputs
-    live = np.flatnonzero(np.isfinite(inputs).all(axis=1))
+    (live,) = np.isfinite(inputs).all(axis=1).nonzero()
     step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
+    longest = np.inf  # of these, if any
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or step_size.max(initial=0.0) < enough:
+        if iteration == iterations or longest < enough:
             break
 
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live = live[regular]
             step_size = np.full(len(live), np.inf)
+            longest = np.inf if len(live) else 0.0
             continue
 
         # drop the instants whose steps are too large
         steps = steps / units
         step_size = np.abs(steps).max(axis=1, initial=0.0)
-        is_near = step_size <= farthest
-        live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
-        if step_size.max(initial=0.0) < ROUNDING_STEP:
+        if farthest < np.inf:
+            is_near = step_size <= farthest
+            live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
+        longest = step_size.max(initial=0.0)
+        if longest < ROUNDING_STEP:
             break
 
         # scale long steps down, then take all of them
@@ -204,8 +208,10 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
+    if not (len(q) and len(robot.structure.idle)):
+        return q
     is_ball = np.isin(robot.structure.idle, ball_columns(robot.model))  # whether each idle joint is of a ball
-    if not (len(q) and is_ball.any()):
+    if not is_ball.any():
         return q
     idle = robot.structure.idle[is_ball]  # (k,)
     for _ in range(MAX_ITERATIONS):

@@ -18,7 +18,7 @@ length.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -27,9 +27,9 @@ from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
 from framework.kinematics.loop_ranges import align_bases, oriented_bases
-from framework.kinematics.loop_structure import null_directions
+from framework.kinematics.loop_structure import null_directions, rounded_gap
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
-from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
+from framework.numerics.arrays import Array, ArrayLike, IntArray, select
 from framework.numerics.banded_lu import Factors
 from framework.numerics.ordered_sums import matvec, singular_values
 from framework.tolerances import FILE_ROUNDING, LOOP_RATE, RANK_LOST
@@ -75,8 +75,8 @@ class LinearisedLoops:
         A selection of all is the object itself, which keeps the LU factors computed so far.
         """
         all_indices = np.arange(len(self.residual))
-        which = np.atleast_1d(all_indices[k])
-        if np.array_equal(which, all_indices):
+        which = all_indices[k].reshape(-1)
+        if len(which) == len(all_indices) and (which == all_indices).all():
             return self
         return LinearisedLoops(
             equations=self.equations,
@@ -180,7 +180,7 @@ def linearised_at(
     linearised = LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
     if structure.varies:
         linearised = _combine_rows(robot, linearised, bases)
-    freeze(linearised.jacobian)
+    linearised.jacobian.flags.writeable = False
     return linearised
 
 
@@ -205,6 +205,7 @@ def _combine_rows(robot: ParallelRobot, all_rows: LinearisedLoops, bases: Array 
     )
 
 
+@lru_cache(maxsize=16)
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
     """Return the equations at the assembled reference, T = 1."""
     reference = robot.reference
@@ -226,7 +227,8 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     gaps = np.abs(linearised.solved_residual)  # (T, rows), or (T, m) of dimensionless combinations
     if gaps.shape[1] == len(robot.row_lengths):
         gaps = gaps / robot.row_lengths
-    if gaps.max(initial=0.0) > FILE_ROUNDING:
+    rounding = rounded_gap(robot, robot.reference.q[None]) / robot.length  # which no pose closes
+    if gaps.max(initial=0.0) > FILE_ROUNDING + rounding:
         worst = gaps.max(axis=1).argmax()
         raise InvalidInput(
             f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "

@@ -83,7 +83,7 @@ class ModeStates(NamedTuple):
     def of(robot: ParallelRobot, linearised: LinearisedLoops) -> ModeStates:
         """Compute the quantities at T configurations."""
         signs, logarithms = leg_slogdets(robot, linearised)
-        regular = np.flatnonzero(signs.all(axis=1))
+        (regular,) = signs.all(axis=1).nonzero()
         unit_twists = np.zeros((robot.n, len(regular), linearised.residual.shape[1]))
         unit_twists[:, :, : robot.n] = np.eye(robot.n)[:, None]
         rates = np.zeros((len(signs), len(robot.moving), robot.n))
@@ -111,12 +111,12 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
     and so does the map from twists to joint rates. A determinant also changes its sign where the loop
     equations lose rank, even if the branch is smooth there. In this case the map of each leg decides.
     """
-    shared: BoolArray = np.all(starts.signs * ends.signs, axis=1)
-    regular = np.flatnonzero(shared)
+    shared = np.asarray((starts.signs * ends.signs).all(axis=1))
+    (regular,) = shared.nonzero()
     shared[regular] = _continues_map(starts.rates[regular], ends.rates[regular])
     end_signs = ends.signs * relative_orientation(starts.bases, ends.bases)[:, None]
     keeps = keeps_sign((starts.signs, starts.logarithms), (end_signs, ends.logarithms)).all(axis=1)
-    for k in np.flatnonzero(shared & ~keeps).tolist():
+    for k in (shared & ~keeps).nonzero()[0].tolist():
         # singular values change by no more than the matrix does (Weyl), so a larger one has not vanished
         change = np.linalg.norm(ends.loops[k] - starts.loops[k])
         least = singular_values(ends.loops[k]).min(initial=np.inf)
@@ -137,8 +137,7 @@ def _continues_map(start: Array, end: Array) -> BoolArray:
     Q, R = np.linalg.qr(start)
     values = np.linalg.eigvals(np.linalg.solve(R, Q.swapaxes(-1, -2) @ end))  # (..., f)
     is_positive = values.real > -np.abs(values.imag)
-    kept: BoolArray = np.all(is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST), axis=-1)
-    return kept
+    return np.asarray((is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST)).all(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,9 +221,33 @@ def _match_rows(pattern: BoolArray) -> IntArray | None:
 
 def leg_slogdets(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute sign and logarithm of the size of each leg's determinant of dF/dq, (2, T, legs)."""
-    J = linearised.jacobian
-    blocks = [J[:, leg.rows][:, :, robot.moving[leg.columns]] for leg in legs(robot)]  # (T, k, k) each
-    return np.stack([np.stack(np.linalg.slogdet(block)) for block in blocks], axis=2)
+    slogdets = np.empty((2, len(linearised.residual), len(legs(robot))))
+    for group in _legs_by_size(robot):
+        blocks = linearised.jacobian[:, group.rows[:, :, None], group.columns[:, None]]  # (T, g, k, k)
+        slogdets[0][:, group.legs], slogdets[1][:, group.legs] = np.linalg.slogdet(blocks)
+    return slogdets
+
+
+class _LegGroup(NamedTuple):
+    """The g legs with k equations each."""
+
+    legs: IntArray  # (g,) indices of the legs
+    rows: IntArray  # (g, k) indices of their equations in F
+    columns: IntArray  # (g, k) of their joints in the velocity vector
+
+
+@lru_cache(maxsize=16)
+def _legs_by_size(robot: ParallelRobot) -> list[_LegGroup]:
+    """Return the legs in groups of one number of equations."""
+    sizes = np.array([len(leg.rows) for leg in legs(robot)])
+    groups = []
+    for size in np.unique(sizes):
+        (group,) = (sizes == size).nonzero()
+        rows, columns = (
+            np.array([getattr(legs(robot)[k], name) for k in group]) for name in ("rows", "columns")
+        )
+        groups.append(_LegGroup(group, rows, robot.moving[columns]))
+    return groups
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -5,3 +5,7 @@
 * `optimal_law`: the law of free shape, and the parameter in which functions along it are smooth;
 * `squared_speed`: the functions that represent the speed of this law, and its exact duration.
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

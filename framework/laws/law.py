@@ -39,6 +39,8 @@ def check_duration(duration: float) -> None:
 
 def is_number(value: object) -> bool:
     """Return whether a value is a single finite real number of Python or numpy."""
+    if type(value) is float:
+        return isfinite(value)
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     try:
@@ -54,9 +56,9 @@ def normalise_time(t: ArrayLike, duration: float) -> Array:
         InvalidInput: t is not finite, or outside [0, duration].
     """
     x = real_numbers("t", t) * (2.0 / duration) - 1.0
-    if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
+    if not (np.abs(x) <= 1.0 + SAME_PLACE).all():
         raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
-    return np.clip(x, -1.0, 1.0)
+    return x.clip(-1.0, 1.0)
 
 
 class MotionLaw(Protocol):
@@ -70,6 +72,32 @@ class MotionLaw(Protocol):
     def duration(self) -> float: ...
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array: ...
+
+
+class Ends(NamedTuple):
+    """The derivatives of s at both ends of a law: s', s", ... [1/s^order]; none at an end at rest.
+
+    Derivatives beyond the last stated one vanish, up to the smoothness of the law.
+    """
+
+    start: tuple[float, ...] = ()
+    goal: tuple[float, ...] = ()
+
+    @property
+    def moving(self) -> tuple[bool, bool]:
+        """Whether start and goal are in motion."""
+        return bool(self.start), bool(self.goal)
+
+    def zeros(self, smoothness: int) -> tuple[int, int]:
+        """Return the order of the zero of s' at each end: `smoothness` at rest, 0 in motion."""
+        return 0 if self.start else smoothness, 0 if self.goal else smoothness
+
+    def derivatives(self, smoothness: int) -> Array:
+        """Return the derivatives (2, smoothness) of s at the start and at the goal [1/s^order]."""
+        return np.array([[*end, *[0.0] * (smoothness - len(end))] for end in self])
+
+
+REST = Ends()
 
 
 class ExactLaw(ABC):
@@ -108,14 +136,15 @@ class PlannedLaw(ExactLaw):
         """Return s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
 
     @abstractmethod
-    def least_speed_ratio(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int, ends: Ends = REST) -> float:
         """Return the least s' divided by the mean |s'|, without the zeros at the ends.
 
-        The factors of s' that vanish at both ends are divided out first. The result is positive for a
+        The factors of s' that vanish at ends at rest are divided out first. The result is positive for a
         monotone law, and small if the law nearly stops.
 
         Args:
-            smoothness: number of derivatives of s that vanish at both ends.
+            smoothness: number of derivatives of s that vanish at an end at rest.
+            ends: which of them are in motion.
         """
 
     @abstractmethod
@@ -157,7 +186,7 @@ def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[
             return outer[k]
         # inner[j - 1] is g^(j)
         terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
-        return np.sum(terms, axis=0)
+        return sum(terms[1:], terms[0])
 
     return [differentiate(0, m) for m in range(len(outer))]
 
@@ -209,7 +238,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
-        series = np.stack([self._series(order) for order in range(count)], axis=1)
+        series = np.array([self._series(order) for order in range(count)]).T.copy()
         x = normalise_time(t, self.duration)
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
 
@@ -261,25 +290,30 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     @staticmethod
     def rest_to_rest(
-        duration: float, smoothness: int, inner: Sequence[Condition] = (), high: Array = NO_HIGH
+        duration: float,
+        smoothness: int,
+        inner: Sequence[Condition] = (),
+        high: Array = NO_HIGH,
+        ends: Ends = REST,
     ) -> Law:
         """Return the law from rest at s = 0 to rest at s = 1 that meets the conditions `inner`.
 
-        The derivatives of s up to order `smoothness` are zero at both ends. The degree is
-        2 (smoothness + 1) + len(inner) - 1. With the three conditions of one crossing it is 8 for a rigid
-        robot (smoothness 2) and 12 for an elastic one (smoothness 4), as in Briot and Arakelian 2010,
+        The derivatives of s up to order `smoothness` are zero at both ends, unless `ends` states others. The
+        degree is 2 (smoothness + 1) + len(inner) - 1. With the three conditions of one crossing it is 8 for a
+        rigid robot (smoothness 2) and 12 for an elastic one (smoothness 4), as in Briot and Arakelian 2010,
         Eqs. (19)-(31).
 
         Args:
             duration: [s].
-            smoothness: order of the highest derivative of s that vanishes at both ends.
+            smoothness: order of the highest derivative of s that is given at both ends.
             inner: conditions at instants between the ends.
             high: given coefficients of the degrees that the conditions leave open.
+            ends: derivatives at ends in motion.
         """
         check_duration(duration)
-        rest = [0.0] * smoothness  # the derivatives at an end
-        ends = conditions_at_instants((0.0, duration), ([0.0, *rest], [1.0, *rest]))
-        return Law.from_conditions([*ends, *inner], duration, high)
+        start, goal = ends.derivatives(smoothness)
+        at_ends = conditions_at_instants((0.0, duration), ([0.0, *start], [1.0, *goal]))
+        return Law.from_conditions([*at_ends, *inner], duration, high)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry `law` of plan.json."""
@@ -289,30 +323,36 @@ class Law(ReadOnlyArrays, PlannedLaw):
             "domain": [0.0, self.duration],
         }
 
-    def least_speed_ratio(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int, ends: Ends = REST) -> float:
         """Return the least p divided by the mean |p|, where s' = (1 - x^2)^smoothness p(x).
 
         The result is positive for a monotone law. In normalised time x in [-1, 1], s' of a law at rest at
-        both ends has the factor (1 - x^2)^smoothness. This factor is divided out because rounding would
-        decide the sign of s' near the ends.
+        both ends has the factor (1 - x^2)^smoothness, and none at an end in motion. This factor is divided
+        out because rounding would decide the sign of s' near the ends.
         """
-        p = _divide_out_ends(self.degree, smoothness) @ self.coefficients  # Chebyshev series
-        mean = np.mean(np.abs(_interior_values(len(p)) @ p))
-        return least_value(p[None]) / float(mean)
+        return _least_speed_ratio(self, ends.zeros(smoothness))
+
+
+@lru_cache(maxsize=16)
+def _least_speed_ratio(law: Law, zeros: tuple[int, int]) -> float:
+    """Compute `Law.least_speed_ratio`, which a plan needs several times of the same law."""
+    p = _divide_out_ends(law.degree, zeros) @ law.coefficients  # Chebyshev series
+    return least_value(p[None]) / float(np.abs(_interior_values(len(p)) @ p).mean())
 
 
 def speed_ratios_and_peaks(
-    duration: float, smoothness: int, times: Array, values: Array
+    duration: float, smoothness: int, times: Array, values: Array, ends: Ends = REST
 ) -> tuple[Array, Array]:
     """Estimate `Law.least_speed_ratio` (m,) and the peak of |s"| (m,) [1/s^2] of m laws.
 
-    The laws go from rest to rest, as `Law.rest_to_rest`, with ds/dx = (1 - x^2)^smoothness p(x) in the
-    normalised time x; the ratio is the least p over the mean |p|. The least p and the peak are taken at
-    samples, which is fast enough for a search among many laws.
+    The laws are those of `Law.rest_to_rest`, with ds/dx = (1 - x^2)^smoothness p(x) in the normalised time x
+    if both ends are at rest; the ratio is the least p over the mean |p|. The least p and the peak are taken
+    at samples, which is fast enough for a search among many laws.
 
     Args:
         duration: of all laws [s].
-        smoothness: number of derivatives of s that vanish at both ends.
+        smoothness: number of derivatives of s that are given at both ends.
+        ends: those at ends in motion.
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
@@ -320,8 +360,8 @@ def speed_ratios_and_peaks(
         Ratios and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
     # (r, degree + 1) of the r laws that exist, and a mask (m,) of these
-    coefficients, is_regular = _solve_laws(duration, smoothness, times, values)
-    to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, smoothness)
+    coefficients, is_regular = _solve_laws(duration, ends.derivatives(smoothness), times, values)
+    to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, ends.zeros(smoothness))
     p = coefficients @ to_p.T  # Chebyshev series, one law a row
     mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)  # (r,) mean |p|
     p_samples, accelerations = np.split(coefficients @ to_samples.T, 2, axis=1)  # p and d2s/dx2, (r, N) each
@@ -333,14 +373,14 @@ def speed_ratios_and_peaks(
     return ratios, peaks
 
 
-def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, BoolArray]:
+def _solve_laws(duration: float, at_ends: Array, times: Array, values: Array) -> tuple[Array, BoolArray]:
     """Solve for the Chebyshev coefficients (r, c) of the r laws whose c conditions are independent.
 
-    A law is at rest at both ends, from s = 0 to s = 1, and meets the conditions of its instants.
+    A law goes from s = 0 to s = 1, and meets the conditions of its ends and its instants.
 
     Args:
         duration: of all m laws [s].
-        smoothness: number of derivatives of s that vanish at both ends.
+        at_ends: derivatives (2, smoothness) of s at both ends [1/s^order].
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) at these instants [1/s^order].
 
@@ -349,14 +389,14 @@ def _solve_laws(duration: float, smoothness: int, times: Array, values: Array) -
     """
     count, instants = times.shape
     scale = 2.0 / duration  # dx/dt of the normalised time x
-    end_orders = range(smoothness + 1)
+    end_orders = range(at_ends.shape[1] + 1)
     orders = np.array([*end_orders, *end_orders, *([0, 1, 2] * instants)])  # (c,) of the conditions
     end_x = np.repeat([-1.0, 1.0], len(end_orders))
     inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
     x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
 
     targets = np.zeros(x.shape)
-    targets[:, len(end_orders)] = 1.0  # s at the end: the first condition there; all others at the ends are 0
+    targets[:, : len(end_x)] = np.column_stack([[0.0, 1.0], at_ends]).ravel()  # s, then its derivatives
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)
@@ -429,13 +469,16 @@ def _interior_values(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrices_for_search(degree: int, smoothness: int, *, search_samples: int = 16) -> tuple[Array, Array]:
+def _matrices_for_search(
+    degree: int, zeros: tuple[int, int], *, search_samples: int = 16
+) -> tuple[Array, Array]:
     """Return the matrices from coefficients (degree + 1,) of a law s to coefficients of p, and to samples.
 
-    The law has ds/dx = (1 - x^2)^smoothness p(x), where x in [-1, 1] is the normalised time and p a Chebyshev
-    series with c coefficients. The samples are N of p, then N of d2s/dx2, at N = `search_samples` c nodes x.
+    The law has ds/dx = (1 + x)^a (1 - x)^b p(x) with the `zeros` (a, b), where x in [-1, 1] is the normalised
+    time and p a Chebyshev series with c coefficients. The samples are N of p, then N of d2s/dx2, at
+    N = `search_samples` c nodes x.
     """
-    to_p = _divide_out_ends(degree, smoothness)  # (c, degree + 1)
+    to_p = _divide_out_ends(degree, zeros)  # (c, degree + 1)
     T_values = chebyshev.chebvander(nodes(search_samples * len(to_p)), degree)  # (N, degree + 1)
     p_samples = T_values[:, : len(to_p)] @ to_p
     accelerations = T_values @ derivative_matrix(degree + 1, 2)
@@ -443,16 +486,17 @@ def _matrices_for_search(degree: int, smoothness: int, *, search_samples: int = 
 
 
 @lru_cache(maxsize=64)
-def _divide_out_ends(degree: int, smoothness: int) -> Array:
+def _divide_out_ends(degree: int, zeros: tuple[int, int]) -> Array:
     """Return the matrix (size, degree + 1) from coefficients of s to coefficients of p.
 
-    p = s'(x) / (1 - x^2)^smoothness, with the normalised time x in [-1, 1]. Both s, of this degree, and p are
-    Chebyshev series in x. p is fitted by least squares at more than 2 size Chebyshev nodes, without the ends
-    x = -1 and 1, where the quotient is 0/0.
+    p = s'(x) / ((1 + x)^a (1 - x)^b) with the `zeros` (a, b) and the normalised time x in [-1, 1]. Both s, of
+    this degree, and p are Chebyshev series in x. p is fitted by least squares at more than 2 size Chebyshev
+    nodes, without the ends x = -1 and 1, where the quotient is 0/0.
     """
-    size = max(degree - 2 * smoothness, 1)  # number of coefficients of p
+    a, b = zeros
+    size = max(degree - a - b, 1)  # number of coefficients of p
     x = nodes(2 * size + 4)[1:-1]
     # (2 size + 2, degree + 1) slopes s'(x) at the nodes for unit coefficients of s
     slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
-    quotients = slopes / (1 - x[:, None] ** 2) ** smoothness
+    quotients = slopes / ((1.0 + x) ** a * (1.0 - x) ** b)[:, None]
     return np.linalg.pinv(_interior_values(size)) @ quotients

@@ -2,11 +2,11 @@
 
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
-The first R derivatives of the smoothstep phi vanish at sigma = 0 and 1, so for any z > 0 the first R time
-derivatives of s vanish at both ends. z is a spline or one polynomial in xi(sigma), see `squared_speed`. The
-map xi is steep where the law changes fast, for example near a crossing, which the robot approaches slowly and
-leaves fast. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are
-linear in z.
+The first R derivatives of the smoothstep phi vanish at the ends sigma = 0 and 1 that are at rest, so for any
+z > 0 the first R time derivatives of s vanish there. At an end in motion phi' is positive. z is a spline or
+one polynomial in xi(sigma), see `squared_speed`. The map xi is steep where the law changes fast, for example
+near a crossing, which the robot approaches slowly and leaves fast. Torques depend on the law through
+(ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear in z.
 
 Functions along a law, such as deflections, are Chebyshev series in the parameter p of a `Clock`: time itself
 for a polynomial law, xi(sigma) for an optimal law.
@@ -25,7 +25,15 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from framework.errors import InvalidInput, check_order, real_numbers
-from framework.laws.law import MotionLaw, PlannedLaw, compose_derivatives, least_value, normalise_time
+from framework.laws.law import (
+    REST,
+    Ends,
+    MotionLaw,
+    PlannedLaw,
+    compose_derivatives,
+    least_value,
+    normalise_time,
+)
 from framework.laws.path import HIGHEST_ORDER
 from framework.laws.squared_speed import (
     ONE_CELL,
@@ -50,44 +58,51 @@ DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given 
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """phi(sigma) from 0 to 1 on [0, 1], with phi' proportional to (sigma (1 - sigma))^smoothness.
+    """phi(sigma) from 0 to 1 on [0, 1], with phi' proportional to sigma^a (1 - sigma)^b.
 
-    phi is the regularised incomplete beta function with both parameters equal to smoothness + 1.
+    phi is the regularised incomplete beta function with the parameters a + 1 and b + 1; b is a if not given.
     `Smoothstep(0)` is the identity, s = sigma.
     """
 
-    smoothness: int
+    a: int
+    b: int | None = None
+
+    @property
+    def zeros(self) -> tuple[int, int]:
+        """The orders (a, b) of the zeros of phi' at both ends."""
+        return self.a, self.a if self.b is None else self.b
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate phi or its derivative of an order, with the shape of sigma.
 
-        Derivatives are polynomials in the distance to the nearer end, which is accurate near both ends. phi'
-        is symmetric about 1/2, so beyond 1/2 derivatives of even order have the opposite sign.
+        Derivatives are polynomials in the distance to the nearer end, which is accurate near both ends. In
+        the distance to the goal, a and b are exchanged and derivatives of even order have the opposite sign.
         """
+        a, b = self.zeros
         sigma = np.asarray(sigma, dtype=float)
         if order == 0:
             from scipy.special import betainc  # slow to import, and not all plans need it
 
-            return betainc(self.smoothness + 1, self.smoothness + 1, sigma)
-        end_distance = np.minimum(sigma, 1.0 - sigma)
-        value = polynomial.polyval(end_distance, _slope_powers(self.smoothness, order))
-        sign_beyond = (-1.0) ** (order + 1)
-        return np.where(sigma > 0.5, sign_beyond * value, value)
+            return betainc(a + 1, b + 1, sigma)
+        by_start = polynomial.polyval(sigma, _slope_powers(a, b, order))
+        by_goal = (-1.0) ** (order + 1) * polynomial.polyval(1.0 - sigma, _slope_powers(b, a, order))
+        return np.where(sigma > 0.5, by_goal, by_start)
 
     def inverse(self, s: ArrayLike) -> Array:
         """Solve phi(sigma) = s for sigma, with the shape of s."""
         from scipy.special import betaincinv
 
-        return betaincinv(self.smoothness + 1, self.smoothness + 1, s)
+        a, b = self.zeros
+        return betaincinv(a + 1, b + 1, s)
 
 
 @lru_cache(maxsize=64)
-def _slope_powers(smoothness: int, order: int) -> Array:
+def _slope_powers(a: int, b: int, order: int) -> Array:
     """Return the coefficients (k,) of the powers of sigma in a derivative of phi of order >= 1.
 
-    phi' is b(sigma) divided by the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
+    phi' is sigma^a (1 - sigma)^b divided by its integral on [0, 1].
     """
-    bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
+    bump = polynomial.polymul(polynomial.polypow([0.0, 1.0], a), polynomial.polypow([1.0, -1.0], b))
     integral = polynomial.polyint(bump)
     slope = bump / polynomial.polyval(1.0, integral)
     return np.asarray(polynomial.polyder(slope, order - 1))
@@ -99,8 +114,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     `coefficients` (n,) [1/s^2] multiply the functions of a `SpeedBasis` on `cells` (k + 1,) of xi. xi(sigma)
     is steeper near the values `dense_at` of sigma (see `Stretch`). The first `smoothness` derivatives of s
-    vanish at both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2) over [0, 1], computed unless
-    given.
+    vanish at both ends, except at those that are `moving` (start, goal). `duration` [s] is the integral of
+    dt/d sigma = z^(-1/2) over [0, 1], computed unless given.
 
     Raises:
         InvalidInput: cells and coefficients do not fit each other; z is not positive everywhere, or so nearly
@@ -112,6 +127,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     duration: float = 0.0  # [s]; if given, right up to rounding
     dense_at: tuple[float, ...] = ()
     cells: tuple[float, ...] = ONE_CELL
+    moving: tuple[bool, bool] = (False, False)
 
     kind: ClassVar[str] = "optimal"
 
@@ -147,7 +163,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     @cached_property
     def phi(self) -> Smoothstep:
         """The map from sigma to s."""
-        return Smoothstep(self.smoothness)
+        a, b = (0 if is_moving else self.smoothness for is_moving in self.moving)
+        return Smoothstep(a, b)
 
     @cached_property
     def stretch(self) -> Stretch:
@@ -239,11 +256,11 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         inner = self.time(self.stretch.inverse(xi[1:-1]))
         return np.concatenate(([0.0], inner, [self.duration]))
 
-    def least_speed_ratio(self, smoothness: int) -> float:
+    def least_speed_ratio(self, smoothness: int, ends: Ends = REST) -> float:
         """Return the least squared speed z divided by its mean over xi in [-1, 1].
 
         The result is positive, so s' > 0 between the ends. s' = phi' sqrt(z) has its zeros at the ends from
-        phi', and z has none. So nothing has to be divided out, and `smoothness` is not used.
+        phi', and z has none. So nothing has to be divided out, and the arguments are not used.
         """
         # (k,) integral over each cell's local coordinate in [-1, 1]: the value at 1, where all T_k are 1, of
         # the series that is 0 at -1
@@ -266,6 +283,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             "squared_speed": self.coefficients.tolist(),
             "cells": list(self.cells),
             "dense_at": list(self.dense_at),
+            **({"moving": list(self.moving)} if any(self.moving) else {}),
             "turns": self.turns,
             "domain": [0.0, self.duration],
         }

@@ -57,11 +57,11 @@ def check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: points must be lists of numbers of one length, got {points!r}") from None
     if array.ndim != 2 or array.shape[0] < least or array.shape[1] < 1:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if np.any(np.abs(array) > LARGEST_NUMBER):
+    if (np.abs(array) > LARGEST_NUMBER).any():
         raise InvalidInput(f"{kind}: points must be at most {LARGEST_NUMBER:g} in size, got {points!r}")
-    if np.any(np.linalg.norm(np.diff(array, axis=0), axis=1) == 0):
+    if (array[1:] == array[:-1]).all(axis=1).any():
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     return array
 
@@ -87,6 +87,8 @@ class PointPath(ReadOnlyArrays):
         """Compute x(s) or its derivative of an `order` in s; s of any shape (...) gives (..., n)."""
         check_order(order)
         s_values = real_numbers("s", s)
+        if s_values.ndim == 1:
+            return self._evaluate(s_values, order)
         values = self._evaluate(s_values.reshape(-1), order)
         return values.reshape(*s_values.shape, values.shape[1])
 
@@ -153,7 +155,7 @@ class Line(PointPath):
         if order == 0:
             return self.start + s[:, None] * direction
         derivative = direction if order == 1 else np.zeros(self.n)
-        return np.tile(derivative, (len(s), 1))
+        return np.zeros((len(s), 1)) + derivative
 
 
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:

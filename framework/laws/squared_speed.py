@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -35,6 +35,7 @@ from framework.numerics.chebyshev import (
     gauss_legendre,
     nodes,
 )
+from framework.numerics.sparse_rows import SparseRows
 from framework.numerics.splines import find_intervals, spline_values
 from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
 
@@ -143,10 +144,8 @@ class SpeedBasis(ReadOnlyArrays):
         inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
         return read_only(inner_knots.mean(axis=1))
 
-    def matrix(self, xi: Array, order: int = 0) -> Any:
-        """Return the sparse matrix (T, size) of all functions, or a derivative of an `order`, at xi (T,)."""
-        from scipy import sparse
-
+    def matrix(self, xi: Array, order: int = 0) -> SparseRows:
+        """Compute the matrix (T, size) of all functions, or a derivative of an `order`, at xi (T,)."""
         if self.is_spline:
             xi = np.clip(xi, -1.0, 1.0)
             intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
@@ -157,8 +156,7 @@ class SpeedBasis(ReadOnlyArrays):
             values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
             values = values @ derivative_matrix(self.size, order) if order else values
             columns = np.broadcast_to(np.arange(self.size), values.shape)
-        row_starts = np.arange(0, columns.size + 1, columns.shape[1])
-        return sparse.csr_array((values.ravel(), columns.ravel(), row_starts), shape=(len(xi), self.size))
+        return SparseRows.in_columns(columns, values, self.size)
 
     def series(self, y: Array) -> Array:
         """Return Chebyshev series (k, degree + 1) on the cells, for coefficients y (size,)."""
@@ -321,7 +319,7 @@ class SpeedSpace(NamedTuple):
             InvalidInput: a Newton step on the duration leads to a z that is not positive.
         """
         inverse_weights = self._inverse_weights(y, relative)
-        matrix = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
+        matrix = SparseRows.of(equalities.matrix).toarray()
         edges = None  # of the panels of the last step
         for _ in range(max_steps):
             # the equations with slopes (c, size) and values (c,); the last may be T(y) - duration = 0

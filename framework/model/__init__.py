@@ -24,6 +24,6 @@ Files of other programs
     readers/            one module for each dialect
 """
 
-from framework.model.robot_file import read_robot_file
+from framework.lazy_names import lazy_names
 
-__all__ = ["read_robot_file"]
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -21,8 +21,9 @@ bending, and its axial stiffness x is the same at the tip.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
+from warnings import warn
 from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
 
 import numpy as np
@@ -181,6 +182,23 @@ def beam_spring(
         raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
     check_distinct("axes", "axis", axes, AXES)
     return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))
+
+
+def tip_spring(
+    name: str,
+    after: str,
+    section: Section,
+    material: Material,
+    length: float,
+    axes: tuple[str, ...] = AXES,
+) -> Spring:
+    """Deprecated: the spring of a beam at its tip, without cross terms; see `beam_spring`."""
+    warn("tip_spring goes in 0.9: see beam_spring", DeprecationWarning, stacklevel=2)
+    spring = beam_spring(name, after, section, material, length, axes)
+    stiffness = beam_stiffness(section, material, length)
+    for axis, turn in (("y", "rz"), ("z", "ry")):  # the tip swings about the middle: (L/2)^2 / k
+        stiffness[axis] = 1.0 / (1.0 / stiffness[axis] + length**2 / (4.0 * stiffness[turn]))
+    return replace(spring, stiffness=tuple(stiffness[axis] for axis in spring.motion))
 
 
 def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:

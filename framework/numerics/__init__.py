@@ -6,8 +6,8 @@ represent all functions of time.
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
 * `ordered_sums`: linear algebra of stacks, in which each item is computed as if it were alone, to the last
   bit; row space and null space of a matrix;
-* `banded_lu`: factorisation of sparse matrices in a band; `splines`: B-splines, and least squares with them;
-  `polytope`: zonotopes and slabs;
+* `sparse_rows`: sparse matrices as entries; `banded_lu`: factorisation of those in a band;
+* `splines`: B-splines, and least squares with them; `polytope`: zonotopes and slabs;
 * `chebyshev`: functions of time as Chebyshev series on panels, and their largest values; `bernstein`: bounds
   of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only access to the solver;
@@ -17,4 +17,7 @@ represent all functions of time.
   from documents; `interruption`: Ctrl-C and SIGTERM; `time_limit`: searches that end with their best result.
 """
 
+from framework.lazy_names import lazy_names
+
 MAX_WORKERS = 1000  # processes
+__getattr__, __dir__ = lazy_names(__name__, __file__)

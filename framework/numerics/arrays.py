@@ -36,6 +36,8 @@ def assign(stack: Stack, rows: Any, new: Stack) -> None:
 
 def join(stacks: Sequence[Stack]) -> Stack:
     """Concatenate one or more stacks, array by array."""
+    if len(stacks) == 1:
+        return stacks[0]
     make: Any = type(stacks[0])  # the constructor of the named tuple
     parts = zip(*stacks, strict=True)
     return make(*(np.concatenate(part) if isinstance(part[0], np.ndarray) else join(part) for part in parts))
@@ -54,8 +56,8 @@ def freeze(value: object) -> None:
     remaining = [value]
     while remaining:
         item = remaining.pop()
-        if isinstance(item, np.ndarray):
-            item.setflags(write=False)
+        if type(item) is np.ndarray:
+            item.flags.writeable = False
         elif isinstance(item, tuple):
             remaining.extend(item)
         elif is_dataclass(item) and not isinstance(item, ReadOnlyArrays):  # which are read-only already
@@ -76,6 +78,6 @@ class ReadOnlyArrays:
 
     def __post_init__(self) -> None:
         """Replace all arrays by read-only ones."""
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
+        for name, value in self.__dict__.items():
+            if type(value) is np.ndarray:
                 self.__dict__[name] = read_only(value)

@@ -36,6 +36,8 @@ class DenseFactors:
         """
         if not right.size:
             return np.empty(right.shape)
+        if right.ndim == 2:
+            return np.asarray(np.linalg.solve(self.matrices, right[..., None])[..., 0], dtype=float)
         # numpy solves each matrix for all its right-hand sides at once: the columns of (T, k, sides)
         columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)
         solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)

@@ -105,12 +105,13 @@ def real_roots(series: Array) -> Array:
     """
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
-    degree = int(np.flatnonzero(~is_rounding).max(initial=0))
+    (above,) = (~is_rounding).nonzero()
+    degree = int(above[-1]) if len(above) else 0
     if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
-    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
-    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+    real = roots[np.abs(roots.imag) <= np.sqrt(SAME_PLACE)].real
+    return np.sort(real[np.abs(real) <= 1 + SAME_PLACE].clip(-1.0, 1.0))
 
 
 def _constant_dominates(sizes: Array) -> bool:
@@ -178,12 +179,12 @@ class TimeFunction(ReadOnlyArrays):
         times = real_numbers("t", t)
         start, end = self.edges[0], self.edges[-1]
         slack = SAME_PLACE * (end - start)
-        if not np.all((times >= start - slack) & (times <= end + slack)):
+        if not ((times >= start - slack) & (times <= end + slack)).all():
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
-        panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,) index of each time's panel
+        panel = self.edges[1:-1].searchsorted(flat, side="right")  # (T,) index of each time's panel
         values = np.empty((flat.size, self.coefficients.shape[2]))
-        for p in np.flatnonzero(np.bincount(panel)).tolist():  # the panels with times
+        for p in set(panel.tolist()):
             inside = panel == p
             values[inside] = self._evaluate_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])
@@ -193,7 +194,7 @@ class TimeFunction(ReadOnlyArrays):
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
         series = derivative_matrix(self.coefficients.shape[1], order) @ self.coefficients[p]
-        return evaluate(np.clip(local, -1.0, 1.0), series) / half_width**order
+        return evaluate(local.clip(-1.0, 1.0), series) / half_width**order
 
     @property
     def tail(self) -> float:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array
-from framework.numerics.sparse_rows import rows_of_entries
+from framework.numerics.sparse_rows import SparseRows
 from framework.numerics.time_limit import check_time
 
 # regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
@@ -27,7 +27,7 @@ SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first an
 class Affine(NamedTuple):
     """The affine function matrix @ y + offset (k,) of y (n,)."""
 
-    matrix: Any  # (k, n), sparse or not
+    matrix: Any  # (k, n), `SparseRows` or an array
     offset: Array  # (k,)
 
     def __call__(self, y: Array) -> Array:
@@ -131,15 +131,13 @@ def _objective(program: ConeProgram) -> tuple[Any, Array]:
     P is returned as its upper triangle. The squares are |R x + r|^2 = x' R'R x + 2 r'R x + |r|^2. The
     constant |r|^2 does not affect the solution and is left out.
     """
-    from scipy import sparse
-
     q = np.zeros(sum(program.sizes.values()))
     for name, cost in program.cost.items():
         q[program.columns[name]] += cost
     if program.square is None:
-        return sparse.csc_array((len(q), len(q))), q
+        return SparseRows.zeros((len(q), len(q))).column_major(), q
     R, r = _interleave(program, [[program.square]])  # one group of one member: its matrix and offset
-    return sparse.csc_array(sparse.triu(2.0 * R.T @ R)), q + 2.0 * R.T @ r
+    return (2.0 * R.gram()).upper_triangle().column_major(), q + 2.0 * r @ R
 
 
 def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
@@ -158,7 +156,7 @@ def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
     ]
     for members in program.cones:
         cones += [clarabel.SecondOrderConeT(len(members))] * _count_rows(members[:1])
-    return -all_rows.matrix, all_rows.offset, cones
+    return (-all_rows.matrix).column_major(), all_rows.offset, cones
 
 
 def _count_rows(functions: Sequence[AffineRows]) -> int:
@@ -173,23 +171,20 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
     the group, then the second row of every member, and so on, so that the rows of one second-order cone are
     neighbours. Row i of member k is row (number of members) * i + k of its group.
     """
-    from scipy import sparse
-
-    entries = []  # triples of value, row and column, as arrays
+    entries = []  # triples of row, column and value, as arrays
     offsets = []
     group_start = 0
     for members in groups:
         offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())  # row by row
         for k, rows in enumerate(members):
             for name, matrix in rows.parts.items():
-                part = matrix.tocsr()
-                row = group_start + len(members) * rows_of_entries(part) + k
-                column = program.columns[name].start + part.indices
-                entries.append((part.data, row, column))
+                part = SparseRows.of(matrix)
+                row = group_start + len(members) * part.row + k
+                entries.append((row, program.columns[name].start + part.column, part.values))
         group_start += len(offsets[-1])
-    data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))
+    row, column, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     shape = (group_start, sum(program.sizes.values()))
-    return Affine(sparse.csc_array((data, (row, column)), shape=shape), np.concatenate(offsets))
+    return Affine(SparseRows.in_any_order(row, column, values, shape), np.concatenate(offsets))
 
 
 class LinearMatrix(NamedTuple):

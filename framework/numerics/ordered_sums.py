@@ -100,7 +100,7 @@ def cross(a: Array, b: Array) -> Array:
         return products[..., :3] - products[..., 3:]
     a_1, a_2, a_3 = a[..., 0], a[..., 1], a[..., 2]
     b_1, b_2, b_3 = b[..., 0], b[..., 1], b[..., 2]
-    result = np.empty(np.broadcast_shapes(a.shape, b.shape), np.result_type(a, b))  # also complex steps
+    result = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))  # also complex steps
     np.subtract(a_2 * b_3, a_3 * b_2, out=result[..., 0])
     np.subtract(a_3 * b_1, a_1 * b_3, out=result[..., 1])
     np.subtract(a_1 * b_2, a_2 * b_1, out=result[..., 2])

@@ -18,3 +18,7 @@ same motion. `scenes` plans the scenes of a robot file, `plan_study` one motion 
 parameters. `saved` and `motion_table` write and read plan.json and motion.csv. `plan_facts` describes a plan
 in words. `planar_crossing` samples one crossing for a lesson.
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

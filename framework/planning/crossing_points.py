@@ -60,7 +60,7 @@ class PathToCross:
         ]
 
 
-def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
+def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool = True) -> PathToCross:
     """Choose the points at which a request asks for condition (8).
 
     They are the imposed points, if any, else the singular ones. An empty list of times asks for a law without
@@ -69,6 +69,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
     Args:
         searched: the path with its singular points, without wrenches.
+        explained: field of the result.
 
     Raises:
         InvalidInput: the number of times or speeds is not that of the points.
@@ -79,7 +80,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
     if imposed is None and times == ():
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
-        return PathToCross(searched, ())
+        return PathToCross(searched, (), explained)
     count = len(searched.points if imposed is None else imposed)  # of the points to cross
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != count:
@@ -88,10 +89,10 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
             counted = _count_points(searched.points, imposed)
             raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {are} {counted}")
     if imposed is not None:
-        return PathToCross(searched, [imposed_point(searched.branch, s) for s in imposed])
+        return PathToCross(searched, [imposed_point(searched.branch, s) for s in imposed], explained)
     for singular in searched.points:
         check_crossable(searched.branch, singular)
-    return PathToCross(searched, searched.points)
+    return PathToCross(searched, searched.points, explained)
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:

@@ -78,6 +78,18 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     return tuple(map(float, value))
 
 
+def _end_motion(name: str, value: Any) -> tuple[float, ...] | None:
+    """Return derivatives of s at an end, from s' on, as a tuple; None for an end at rest."""
+    derivatives = _numbers(name, [value] if np.ndim(value) == 0 else value)
+    if not any(derivatives):
+        return None
+    if derivatives[0] <= 0.0:
+        raise InvalidInput(
+            f"{name}: s' at an end in motion must be greater than zero, got {derivatives[0]:g}"
+        )
+    return derivatives
+
+
 def _tolerance(name: str, value: Any) -> float:
     """Return a tolerance of the torques as a float."""
     check_tolerance(value)
@@ -169,8 +181,19 @@ class PlanOptions:
         topic=MODEL,
     )
     smoothness: int | None = _option(
-        "derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+        "derivatives of s that are given at both ends, zero at rest (default: 2 rigid, 4 elastic)",
         typed={"type": int, "metavar": "R"},
+    )
+    start_speed: float | Sequence[float] | None = _option(
+        "speed s' [1/s] at which the motion starts, and s\", ... if they are not zero; at rest by default",
+        ". One number, or the derivatives of s up to the order `smoothness` at most",
+        check=_end_motion,
+        typed={"type": float, "nargs": "+", "metavar": "v"},
+    )
+    end_speed: float | Sequence[float] | None = _option(
+        "speed s' [1/s] with which it ends; as start_speed",
+        check=_end_motion,
+        typed={"type": float, "nargs": "+", "metavar": "v"},
     )
     tolerance: float = _option(
         "tail of the torques that counts as resolved", check=_tolerance, default=TORQUE_TAIL

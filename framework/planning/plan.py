@@ -107,7 +107,7 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
-    to_cross = replace(path_to_cross(searched, request), explained=explained)
+    to_cross = path_to_cross(searched, request, explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit) as clock:
@@ -180,7 +180,7 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
     Args:
         plan: with the polynomial, within the limits.
     """
-    speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness)
+    speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness, plan.request.ends)
     if plan.crossings and speed_ratio < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {speed_ratio:.2g} of its mean, its largest "
@@ -324,7 +324,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool 
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     plan = plan_polynomial(to_cross, request, searched=searched)
-    speed_ratio = plan.law.least_speed_ratio(request.smoothness)
+    speed_ratio = plan.law.least_speed_ratio(request.smoothness, request.ends)
     reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"

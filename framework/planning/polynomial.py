@@ -216,7 +216,9 @@ def _check_advance(
     Raises:
         NoLaw: as `check_advance`.
     """
-    if law.least_speed_ratio(request.smoothness) <= 0:  # otherwise the law advances at all times
+    if (
+        law.least_speed_ratio(request.smoothness, request.ends) <= 0
+    ):  # otherwise the law advances at all times
         check_advance(law, [crossing.s for crossing in crossings], name)
 
 
@@ -279,7 +281,7 @@ def _solve_law(
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:
-        return Law.rest_to_rest(duration, request.smoothness, inner, high)
+        return Law.rest_to_rest(duration, request.smoothness, inner, high, request.ends)
     except InvalidInput as problem:
         through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing)
         why = (
@@ -326,7 +328,7 @@ def undeformed_polynomial(
         for k, (_, condition) in enumerate(crossings):
             accelerations[:, k] = condition.acceleration(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
-        return speed_ratios_and_peaks(duration, request.smoothness, times, values)
+        return speed_ratios_and_peaks(duration, request.smoothness, times, values, request.ends)
 
     try:
         timing = choose_timing(s, request, measure, name, searched=searched) if s else ()
@@ -356,6 +358,7 @@ def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Tim
             degree,
             request.fixed_duration,
             request.smoothness,
+            request.ends,
             places,
             request.times,
             conditions,
@@ -366,7 +369,7 @@ def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Tim
             continue
         timing = _crossing_times(np.array([request.times, raised.speeds]))
         law = _solve_law(crossings, timing, request, "", raised.high)
-        if law.least_speed_ratio(request.smoothness) > 0.0:
+        if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
             return timing, raised.high
     return None
 
@@ -433,7 +436,9 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     without crossing conditions and of smoothness 2.
     """
     duration = request.fixed_duration
-    plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
+    plain = Law.rest_to_rest(duration, request.smoothness, ends=request.ends)  # without crossing conditions
+    if plain.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # its ends are too fast to advance
+        plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
     plain_times = np.concatenate(find_instants(plain, ends, s))  # one each, as the law advances
     constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)

@@ -1,11 +1,12 @@
 """Polynomial laws of more than the least degree, for times of crossings at which the least one turns back.
 
-With x = 2 t / T - 1 in [-1, 1] a law at rest at both ends has ds/dx = (1 - x^2)^R p(x). Its position, speed
-and acceleration are linear in the Chebyshev coefficients of p. At given times t_k they are required at each
-crossing: s_k, a speed v_k, and the acceleration a(v_k) = -(beta v_k^2 + delta v_k + gamma) / alpha of
-condition (8). For given v the best p is that of a linear program: the largest least p, or the least fourth
-derivative |s""| for p above a bound (torques of elastic robots contain it). Speeds are improved by programs
-in which a(v) is replaced by its tangent, in a trust region.
+With x = 2 t / T - 1 in [-1, 1] a law at rest at both ends has ds/dx = (1 - x^2)^R p(x). An end in motion has
+no such factor, and equations for its derivatives of s. Position, speed and acceleration are linear in the
+Chebyshev coefficients of p. At given times t_k they are required at each crossing: s_k, a speed v_k, and the
+acceleration a(v_k) = -(beta v_k^2 + delta v_k + gamma) / alpha of condition (8). For given v the best p is
+that of a linear program: the largest least p, or the least fourth derivative |s""| for p above a bound
+(torques of elastic robots contain it). Speeds are improved by programs in which a(v) is replaced by its
+tangent, in a trust region.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.sparse import csr_array
 
+from framework.laws.law import Ends
 from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
@@ -61,7 +62,8 @@ class RaisedDegree:
 
     degree: of s.
     duration: [s].
-    smoothness: number of derivatives of s that vanish at both ends.
+    smoothness: number of derivatives of s that are given at both ends.
+    ends: those at ends in motion; the others vanish.
     places: s (k,) of the crossings.
     times: (k,) [s].
     conditions: (8) at each crossing.
@@ -71,6 +73,7 @@ class RaisedDegree:
     degree: int
     duration: float
     smoothness: int
+    ends: Ends
     places: Sequence[float]
     times: Sequence[float]
     conditions: Sequence[Condition8]
@@ -139,8 +142,9 @@ class RaisedDegree:
     @cached_property
     def _to_s(self) -> Array:
         """The matrix (degree + 1, size) from coefficients of p to those of s, with s = 0 at the start."""
-        size = self.degree - 2 * self.smoothness
-        bump = chebyshev.chebpow([0.5, 0.0, -0.5], self.smoothness)  # 1 - x^2 = (T_0 - T_2) / 2
+        a, b = self.ends.zeros(self.smoothness)
+        size = self.degree - a - b
+        bump = chebyshev.chebmul(chebyshev.chebpow([1.0, 1.0], a), chebyshev.chebpow([1.0, -1.0], b))
         columns = [chebyshev.chebint(chebyshev.chebmul(bump, unit), lbnd=-1) for unit in np.eye(size)]
         matrix = np.zeros((self.degree + 1, size))
         for column, coefficients in zip(matrix.T, columns, strict=True):
@@ -158,6 +162,20 @@ class RaisedDegree:
         x = 2.0 * np.array(self.times) / self.duration - 1.0
         s, ds, dds = (self._rows_at(x, order) for order in range(3))
         return s, ds, dds
+
+    @cached_property
+    def _end_rows(self) -> tuple[Array, Array]:
+        """Rows (m, size) of s at the goal and of derivatives at ends in motion, and their values (m,)."""
+        rows, values = [self._rows_at(np.ones(1), 0)], [1.0]
+        for x, end, derivatives in zip(
+            (-1.0, 1.0), self.ends, self.ends.derivatives(self.smoothness), strict=True
+        ):
+            for order, value in enumerate(derivatives, start=1) if end else ():
+                rows.append(self._rows_at(np.array([x]), order))
+                values.append(value * self.duration**order)
+        matrix = np.concatenate(rows)
+        sizes = np.abs(matrix).max(axis=1)
+        return matrix / sizes[:, None], np.array(values) / sizes
 
     @cached_property
     def _constant(self) -> float:
@@ -200,6 +218,7 @@ class RaisedDegree:
             further: x (m,) at which p is bounded, too.
         """
         s, ds, dds = self._crossing_rows
+        at_ends, end_values = self._end_rows
         p_rows, bend_rows = self._samples
         bend_rows = bend_rows / unit
         acceleration, slope = self._acceleration(speeds)
@@ -207,31 +226,31 @@ class RaisedDegree:
         samples = len(p_rows)
         if further is not None:
             p_rows = np.vstack([p_rows, chebyshev.chebvander(further, size - 1) / self._constant])
-        one = csr_array(np.ones((samples, 1)))
+        one = np.ones((samples, 1))
         scale = 1.0 + np.abs(acceleration)[:, None]  # rows of s" may be far larger than the others
         equal = [
-            AffineRows({"p": csr_array(self._rows_at(np.ones(1), 0))}, np.array([-1.0])),
-            AffineRows({"p": csr_array(s)}, -np.array(self.places)),
+            AffineRows({"p": at_ends}, -end_values),
+            AffineRows({"p": s}, -np.array(self.places)),
             # s' = speeds + change, s" = acceleration + slope * change
-            AffineRows({"p": csr_array(ds), "change": csr_array(-np.eye(count))}, -speeds),
+            AffineRows({"p": ds, "change": -np.eye(count)}, -speeds),
             AffineRows(
-                {"p": csr_array(dds / scale), "change": csr_array(-np.diag(slope) / scale)},
+                {"p": dds / scale, "change": -np.diag(slope) / scale},
                 -acceleration / scale[:, 0],
             ),
         ]
         bound = trust * speeds
         nonnegative = [
             AffineRows(
-                {"p": csr_array(p_rows), "advance": csr_array(-np.ones((len(p_rows), 1)))},
+                {"p": p_rows, "advance": -np.ones((len(p_rows), 1))},
                 np.zeros(len(p_rows)),
             ),
-            *(AffineRows({"change": csr_array(sign * np.eye(count))}, bound) for sign in (-1.0, 1.0)),
+            *(AffineRows({"change": sign * np.eye(count)}, bound) for sign in (-1.0, 1.0)),
         ]
         cost = {"advance": -np.ones(1)}
         if min_advance is not None:
-            nonnegative.append(AffineRows({"advance": csr_array(np.ones((1, 1)))}, np.array([-min_advance])))
+            nonnegative.append(AffineRows({"advance": np.ones((1, 1))}, np.array([-min_advance])))
             for sign in (-1.0, 1.0):
-                bends = AffineRows({"p": csr_array(sign * bend_rows), "bend": one}, np.zeros(samples))
+                bends = AffineRows({"p": sign * bend_rows, "bend": one}, np.zeros(samples))
                 nonnegative.append(bends)
             cost = {"bend": np.ones(1)}
         sizes = {"p": size, "change": count, "advance": 1, "bend": 1 if "bend" in cost else 0}

@@ -60,7 +60,7 @@ The optimal law:
     UncontrolledMotions: no law meets the conditions of several motions
         planning.optimal.optimal_task.check_speeds
         kinematics.continuation.tracking.uncontrolled_error
-    NoLaw: a motor cannot hold an end of the path, or limits are too low
+    NoLaw: a motor cannot hold or drive the robot at an end of the path, or limits are too low
         planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
@@ -177,7 +177,7 @@ class LeastSoftening(NamedTuple):
 
 
 class HoldingTorque(NamedTuple):
-    """A motor torque that holds the robot at an end s of the path, above the limit.
+    """A motor torque that holds or drives the robot at an end s of the path, above the limit.
 
     joint: name of the motor's joint.
     torque, limit: motor side [N m], or [N] for a sliding motor.

@@ -19,7 +19,8 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, did_you_mean
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
+from framework.laws.law import REST, Ends
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Smoothstep
 from framework.laws.path import Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import peak_sizes
@@ -87,6 +88,12 @@ class Request(PlanOptions):
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
+        for name in ("start_speed", "end_speed"):
+            count = len(getattr(self, name) or ())
+            if count > self.smoothness:
+                raise InvalidInput(
+                    f"{name}: needs 1 to {self.smoothness} derivatives of s (the smoothness), got {count}"
+                )
         if self.bounded and self.law == "polynomial":
             raise InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
@@ -113,6 +120,11 @@ class Request(PlanOptions):
     def external_wrenches(self) -> ExternalWrenches:
         """The external wrenches along the path."""
         return ExternalWrenches.of(self.wrenches)
+
+    @property
+    def ends(self) -> Ends:
+        """The derivatives of s at ends in motion."""
+        return Ends(self.start_speed or (), self.end_speed or ())  # type: ignore[arg-type]  # checked
 
     @property
     def goal(self) -> str:
@@ -226,8 +238,9 @@ class Specification(ReadOnlyArrays):
     duration: exact duration [s]; None if open.
     longest: largest duration [s]; None if unbounded.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
-    smoothness: order up to which derivatives of s vanish at both ends.
+    smoothness: order up to which derivatives of s are given at both ends.
     friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
+    ends: the derivatives of s at ends in motion; the others vanish.
     """
 
     goal: str
@@ -237,10 +250,16 @@ class Specification(ReadOnlyArrays):
     speed_limit: Array
     smoothness: int
     friction: Array
+    ends: Ends = REST
 
     def scale_limits(self, share: float) -> Specification:
         """Return the specification with its limits multiplied by `share`."""
         return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
+
+    @property
+    def phi(self) -> Smoothstep:
+        """The map from sigma to s, whose slope vanishes at ends at rest."""
+        return Smoothstep(*self.ends.zeros(self.smoothness))
 
     @property
     def limited(self) -> bool:
@@ -276,6 +295,7 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
         torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
+        ends=request.ends,
         friction=motor_friction(robot, request.friction),
     )
 

@@ -274,7 +274,8 @@ def certified_plan(
                 condition=condition,
             )
         )
-    certificate = replace(dynamics.certificate, monotone=law.least_speed_ratio(request.smoothness) > 0)
+    monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
+    certificate = replace(dynamics.certificate, monotone=monotone)
     return CrossingPlan(
         dynamics.robot,
         request,

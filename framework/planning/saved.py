@@ -87,10 +87,11 @@ def _read_series(where: str, raw: Any) -> tuple[float, ...]:
 def _read_law(where: str, raw: Any) -> Document:
     """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
     kind = read_table(where, raw, _KIND_TABLE, others=None)["kind"]
-    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=("degree", "domain", "turns"))
+    return read_table(where, raw, {**_KIND_TABLE, **_LAW_TABLES[kind]}, others=_DERIVED)
 
 
 _NUMBERS = list_of(number)
+_DERIVED = ("degree", "domain", "turns", "moving")  # keys of a law that follow from others and the request
 _KIND_TABLE: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
 _LAW_TABLES: Mapping[str, Table] = {
     Law.kind: {"chebyshev": required(_read_series)},
@@ -399,7 +400,8 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
             f"{HIGHEST_SMOOTHNESS})"
         )
     coefficients = np.array(stated["squared_speed"])
-    return OptimalLaw(coefficients, smoothness, duration, stated["dense_at"], stated["cells"])
+    cells, dense_at = stated["cells"], stated["dense_at"]
+    return OptimalLaw(coefficients, smoothness, duration, dense_at, cells, request.ends.moving)
 
 
 def _make_optimality(

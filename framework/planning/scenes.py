@@ -28,6 +28,11 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
         InvalidInput: the robot has no such scene; the message lists the names of its scenes.
         RobotFileError: the points of the scene make no path.
     """
+    return _scene_and_path(robot, name)[0]
+
+
+def _scene_and_path(robot: ParallelRobot, name: str) -> tuple[Scene, Path]:
+    """Return a `scene` with its path; raise as `scene`."""
     expect_robot(robot)
     scenes = robot.description.scenes
     if not scenes:
@@ -35,8 +40,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
     with prefix_errors(f"{robot.description.file}: scenes.{name}"):
-        scene_path(scenes[name])  # raises if it is invalid
-    return scenes[name]
+        return scenes[name], scene_path(scenes[name])
 
 
 def scene_path(scene: Scene) -> Path:
@@ -86,7 +90,7 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     Raises:
         InvalidInput: the robot has no such scene, or as `Request.of`.
     """
-    chosen = scene(robot, name)
+    chosen, path = _scene_and_path(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}  # options of the scene
     set_options = {key for key, value in options.items() if value is not None}
 
@@ -105,4 +109,4 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     # its duration gives way to a law that finds its own
     if options.get("optimize") == "time" or "longest" in set_options:
         stated["duration"] = None
-    return Request.of(robot, scene_path(chosen), **{**stated, **options})
+    return Request.of(robot, path, **{**stated, **options})

@@ -15,3 +15,7 @@ existence  krawczyk: one solution in a box;
            passive_joints: one solution near given motors or a given platform pose
 tools      rounding, branch_and_bound, interval_newton
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("assembly_modes", "working_modes"))

@@ -27,6 +27,7 @@ Pages
 """
 
 from framework.errors import InvalidInput
+from framework.lazy_names import lazy_names
 from framework.numerics.interruption import defer_signals
 
 try:
@@ -34,3 +35,5 @@ try:
         import matplotlib  # noqa: F401  reads MPLBACKEND when it is imported
 except ValueError as error:
     raise InvalidInput(f"MPLBACKEND: {error}") from None
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

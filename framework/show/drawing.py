@@ -24,6 +24,7 @@ from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
+from framework.moved_modules import renamed_names
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.captions import display_name
 from framework.show.film import Film
@@ -349,3 +350,6 @@ def _draw_force_polygons(film: Film, ax: Axes, path: Array, limit: Array, frame:
     for k in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
         corners = path[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=(GIVEN, 0.18), edgecolor=GIVEN, linewidth=0.8, zorder=3.5))
+
+
+__getattr__ = renamed_names(__name__, {"hull": "convex_hull"})

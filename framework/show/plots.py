@@ -21,6 +21,7 @@ from framework.dynamics.platform_wrench import measure_at_rest, wrench_along
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives
+from framework.moved_modules import renamed_names
 from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.request import specification_of
@@ -388,3 +389,6 @@ def twist_at_singularity(films: Sequence[Film]) -> Array:
     """Return t_s (n,) at the singular instant of the first film."""
     first = films[0]
     return first.t_s[first.key_frame]
+
+
+__getattr__ = renamed_names(__name__, {"save": "save_figure"})

@@ -11,10 +11,6 @@ but no solver. Open `simulate` first, which checks its arguments and calls one o
 * `trajectory`: the motion between steps with its events.
 """
 
-from framework.simulation.drive import PlannedMotion
-from framework.simulation.equations import State
-from framework.simulation.simulate import Simulation, simulate
-from framework.simulation.stepper import Stepper
-from framework.simulation.trajectory import Event, Occurrence
+from framework.lazy_names import lazy_names
 
-__all__ = ["Event", "Occurrence", "PlannedMotion", "Simulation", "State", "Stepper", "simulate"]
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("simulate",))

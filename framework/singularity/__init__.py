@@ -19,3 +19,7 @@ The locus, as curves and surfaces
     curve_tracing        the equations of the locus, and the continuation of a curve
     drawn_locus          the locus in a picture; `locus_on_map` on a map
 """
+
+from framework.lazy_names import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -36,6 +36,7 @@ class Border(NamedTuple):
 
     b: Array  # (n, size) left singular vectors; (T, n, size) for T matrices
     c: Array  # (n, size) right singular vectors; (T, n, size) for T matrices
+    values: Array  # (n,) all singular values of the matrix, descending; (T, n) for T matrices
 
     @staticmethod
     def of(M: Array, size: int = 1) -> Border:
@@ -46,12 +47,12 @@ class Border(NamedTuple):
         det M has the sign of det U det V. If the signs differ, the last column of b is negated, which gives
         det G the sign of det M.
         """
-        U, _, V_rows = np.linalg.svd(M)
+        U, values, V_rows = np.linalg.svd(M)
         b = U[..., -size:].copy()
         c = V_rows[..., -size:, :].swapaxes(-1, -2)
-        sign_of_product = np.sign((-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows))
+        sign_of_product = np.sign((-1) ** size * np.linalg.det(U @ V_rows))
         b[..., -1] *= sign_of_product[..., None]  # -1 if the signs of det G and det M differ
-        return Border(b, c)
+        return Border(b, c, values)
 
 
 class BorderedSolution(NamedTuple):

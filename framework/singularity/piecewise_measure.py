@@ -74,11 +74,12 @@ class MeasuredMatrix:
 
     def count_lost_ranks(self, s: float) -> int:
         """Count the singular values that vanish at s."""
-        return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
+        values = singular_values(self.evaluate(np.array([s]))[0])
+        return count_small_values(values, RANK_LOST**self.power)
 
-    def border_width(self, matrix: Array) -> int:
-        """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
-        return max(1, count_small_values(matrix, VANISHING_TOGETHER**self.power))
+    def border_width(self, values: Array) -> int:
+        """Return the number of small singular values (n,) of a matrix, at least 1, for its border."""
+        return max(1, count_small_values(values, VANISHING_TOGETHER**self.power))
 
     def linearise_guesses(self, s: Array) -> LinearisedLoops:
         """Linearise the loops at the branch's guesses for s (T,), where the loops need not be closed."""
@@ -216,10 +217,9 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
     except NotAssembled:
         return None
     middle = SHEET_NODES // 2  # this node's border is used on the whole panel
-    size, widest = 0, measured.border_width(matrices[middle])
-    while size < widest:
-        size += 1
-        border = Border.of(matrices[middle], size)
+    size, border = 1, Border.of(matrices[middle])
+    widest = measured.border_width(border.values)
+    while size <= widest:
         solution = solve_bordered(matrices, border)
         g = solution.g
         largest = np.abs(g).max()
@@ -235,6 +235,8 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
             if not _hides_root(matrices, border):
                 return Panel(start, end, series[:, 0], matrices, border)
             widest = max(widest, size + 1)
+        size += 1
+        border = Border.of(matrices[middle], size)
     return None
 
 
@@ -254,10 +256,9 @@ def _hides_root(matrices: Array, border: Border) -> bool:
     return len(real_roots(coefficients(determinants[:, None])[:, 0])) > 0
 
 
-def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below `level` times the largest, or times 1 if that is less."""
-    values = singular_values(matrix)  # descending
-    return int(np.sum(values < level * min(values[0], 1.0)))
+def count_small_values(values: Array, level: float) -> int:
+    """Count singular values (n,), descending, below `level` times the first, or times 1 if that is less."""
+    return int((values < level * min(values[0], 1.0)).sum())
 
 
 # ------------------------------------------------------------------ extrema near zero

@@ -157,7 +157,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
 
 def check_branch(robot: ParallelRobot, path: Path, branch: Branch) -> None:
     """Raise InvalidInput unless the branch belongs to this path and this robot."""
-    if branch.robot is not robot or branch.path != path:
+    if branch.robot is not robot or (branch.path is not path and branch.path != path):
         raise InvalidInput(
             f"branch, searched: of {branch.robot!r} along {branch.path!r}, not of {robot!r} along {path!r}"
         )
@@ -207,7 +207,8 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         if continued is None:
             break
         branch = continued
-    _refuse_type_1(type1, panels)
+    if suspects:
+        _refuse_type_1(type1, panels)
     return type1
 
 

@@ -85,9 +85,13 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     stretches = list[RootStretch]()  # about extrema whose roots are known
     minima_first = sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum)
     for candidate in minima_first:
-        size = measured.border_width(candidate.panel.matrix(candidate.s))
-        # where several singular values are small, they may vanish together
-        common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
+        root = None if candidate.is_minimum else _simple_root(measured, candidate)
+        size = 1
+        common: Contact | None = None
+        if root is None:
+            size = measured.border_width(singular_values(candidate.panel.matrix(candidate.s)))
+            # where several singular values are small, they may vanish together
+            common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
                 multiple.append(common)
@@ -99,7 +103,6 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = _simple_root(measured, candidate) if size == 1 else None
             root = root or _general_root(measured, candidate, size)
             if root is None or any(stretch.contains(root.s) for stretch in stretches):
                 continue
@@ -138,6 +141,8 @@ def _simple_root(
         pose = measured.branch.close(np.array([s])).linearised
         matrix = measured.matrix(pose)  # (1, n, n)
         border = Border.of(matrix[0])
+        if measured.border_width(border.values) > 1:
+            return None
         factor = float(np.sum(panel.border.b * border.b) * np.sum(panel.border.c * border.c))
         slope = factor * panel.slope(s)
         if abs(slope) < least_slope:
@@ -194,7 +199,7 @@ def _miss_at_extremum(
     """
     if least_singular_values(matrix) >= level:
         return None
-    size = measured.border_width(matrix)
+    size = measured.border_width(singular_values(matrix))
     extremum = extremum_near(measured.evaluate, measured.knots, start, size)
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     has_contact = any(lower <= contact.s <= upper for contact in known)
@@ -229,7 +234,8 @@ def _miss_at_end(
     width = float(0.5 * panel.width * abs(value / slope))
     if not _is_apart(s, known, width):
         return None
-    return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(matrix))
+    size = measured.border_width(singular_values(matrix))
+    return NearMiss(s, _signed_least_value(matrix[None]), width, size)
 
 
 def _signed_least_value(matrix: Array) -> float:

@@ -139,7 +139,7 @@ def uncontrolled_space(
 
 def _count_rank(rows: Array) -> int:
     """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
-    return int(np.sum(singular_values(rows) > RANK_LOST)) if rows.size else 0
+    return int((singular_values(rows) > RANK_LOST).sum()) if rows.size else 0
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
@@ -230,7 +230,7 @@ def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: 
     P = passive_matrix(robot, linearised)
     solution = solve_bordered(P, border)
     eta = solution.eta[:, :, 0]  # (T, n_p)
-    transposed_border = Border(border.c, border.b)
+    transposed_border = Border(border.c, border.b, border.values)
     psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
     force_changes = loop_curvature(

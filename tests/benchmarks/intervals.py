@@ -15,8 +15,9 @@ import numpy as np
 
 import robots
 from framework import ParallelRobot, assemble, dynamics_at
-from framework.identification import Recording, base_parameters
-from framework.identification.base_parameters import (
+from framework.identification import (
+    Recording,
+    base_parameters,
     collect_link_parameters,
     torque_parameters,
     with_masses_and_motors,
@@ -24,7 +25,7 @@ from framework.identification.base_parameters import (
 from framework.identification.least_squares import estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.torque_rows import torque_rows
-from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics import close_loops
 
 ROBOTS = ("five_bar_heavy", "slider_crank", "three_rrr", "four_bar", "delta", "orthoglide")
 MOTIONS = {"stroke": (1.0, 1000.0), "to and fro": (4.0, 500.0), "sines": (4.0, 500.0)}  # [s], [Hz]

@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import NoAnswer, plan_scene
-from framework.model.description import FLEXIBILITIES
+from framework.model import FLEXIBILITIES
 
 pytestmark = pytest.mark.benchmark
 GOAL = 60.0  # ms, of every plan of the catalogue

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import robots
 from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
-from framework.identification import Identification, Recording, identify
+from framework.identification import Conversions, Identification, Recording, identify
 from framework.identification.base_parameters import (
     collect_link_parameters,
     torque_parameters,
@@ -18,6 +19,7 @@ from framework.identification.base_parameters import (
 )
 from framework.identification.measured_motion import measured_motion
 from framework.identification.recording import HELD_OUT_EVERY
+from framework.proofs.working_modes import working_modes
 from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record, true_robot
 from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
 
@@ -288,6 +290,49 @@ def test_unequal_time_steps_are_taken_as_they_are():
     assert found.refusal is None
     off = found.values - found.base.combinations.coefficients @ values
     assert np.abs(off / found.deviations).max() < 4.0
+
+
+def in_another_mode(robot: ParallelRobot) -> ParallelRobot:
+    """The robot with its reference in another working mode, at the same pose of the platform."""
+    modes = working_modes(robot, robot.reference.x).modes
+    q = next(mode.q for mode in modes if np.abs(mode.q - robot.reference.q).max() > 0.5)
+    names = {k: robot.coordinates.name_of(k) for k in range(robot.nv)}
+    positions = dict(zip(names.values(), robot.coordinates.positions(q[None])[0].tolist(), strict=True))
+    return ParallelRobot.from_description(replace(robot.description, reference=positions))
+
+
+def test_the_working_mode_is_that_of_the_first_row_or_of_start():
+    """The platform's columns tell it; without them joints near the first row do."""
+    robot = NOMINAL["five_bar_heavy"]
+    other = in_another_mode(robot)
+    data = sines(other, duration=1.0, **SINES)
+    expected = measured_motion(other, data).motion.q
+    found = measured_motion(robot, data)
+    np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
+    motors = Recording("motors", data.names[:5], data.values[:, :5])
+    names = [robot.coordinates.name_of(int(k)) for k in robot.passive]
+    start = dict(zip(names, other.coordinates.positions(expected[:1])[0, robot.passive] + 0.05, strict=True))
+    found = measured_motion(robot, motors, start=start)
+    np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
+    with pytest.raises(InvalidInput, match="unknown joint of --start 'knee'"):
+        measured_motion(robot, motors, start={"knee": 1.0})
+
+
+def test_a_zero_that_is_off_is_named_with_its_value_and_taken_by_the_option():
+    robot = NOMINAL["five_bar_heavy"]
+    data = sines(robot, duration=1.0, **SINES)
+    values = data.values.copy()
+    values[:, 2] += 0.7 * robot.gear_ratio[1]
+    shifted = Recording("shifted", data.names, values)
+    with pytest.raises(
+        InvalidInput, match=r"its zero alone is off: --zero motor_angle_right_motor=35"
+    ) as said:
+        measured_motion(robot, shifted, poses="platform")
+    zero = float(str(said.value).rpartition("=")[2])
+    assert zero == pytest.approx(0.7 * robot.gear_ratio[1], rel=1e-4)
+    conversions = Conversions(zeros={"motor_angle_right_motor": zero})
+    back = measured_motion(robot, conversions.convert(shifted), poses="platform")
+    assert back.motor_misfit < 1e-3
 
 
 def test_the_error_of_a_motion_without_a_singularity_is_known():

@@ -4,13 +4,15 @@ The closed forms know one arm and one rod a leg. In the robot under test paralle
 brackets and platform level.
 """
 
+import shutil
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robots
-from framework import plan_scene, simulate
+from framework import ControlCycle, load_robot, plan_scene, simulate
 from framework.atlas.survey import survey_window
 from framework.atlas.workspace_map import workspace_map
 from tests.oracles.closed_form import Crossing, Kinematics
@@ -100,6 +102,25 @@ def test_a_simulation_follows_the_scene_wherever_other_loop_equations_suffice(sc
     run = simulate(plan_scene(robots.load(ROBOT), scene), samples=51)
     assert run.tracking_error < 1e-9
     assert run.closure_error < 1e-13
+
+
+@pytest.mark.parametrize("off", [1e-8, 1e-6])
+def test_a_rod_that_is_off_by_rounding_is_simulated_and_controlled(off, tmp_path):
+    """With a wrong test of closed loops the start is refused: no pose closes all of them."""
+    folder = shutil.copytree(Path(robots.__file__).parents[1] / "urdf" / ROBOT, tmp_path / ROBOT)
+    urdf = folder / "diamond.urdf"
+    end = '<child link="tip_lb"/>\n    <origin xyz="0 0 -0.45"'
+    text = urdf.read_text()
+    assert end in text
+    urdf.write_text(text.replace(end, end.replace("-0.45", f"{-0.45 - off!r}")))
+    robot = load_robot(folder / "diamond.yaml")
+    plan = plan_scene(robot, "pick")
+    assert off / 10 < plan.certificate.rounded_gap < off
+    run = simulate(plan, method="stiff", samples=51)
+    assert run.tracking_error < 1e-6 + 10 * off
+    cycle = ControlCycle(robot)
+    cycle.update(robot.actuated_coordinates(robot.reference.q[None])[0], np.zeros(robot.n_a))
+    np.testing.assert_allclose(cycle.x, robot.reference.x, rtol=0, atol=10 * off)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -93,7 +94,7 @@ class Branch(ReadOnlyArrays):
         edges = np.array([0.0, *(panel.s[-1] for panel in panels), *(pose.s[0] for pose in steps[1:])])
         return Branch(robot, path, origin, s, TimeFunction(edges, np.stack(series)), tuple(panels))
 
-    @property
+    @cached_property
     def knots(self) -> Array:
         """Path coordinates (k,) between which path and wrenches are smooth."""
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
@@ -114,7 +115,7 @@ class Branch(ReadOnlyArrays):
     def guess(self, s: Array) -> Array:
         """Compute guesses (T, nq) at s (T,), from which Newton's method converges to the branch."""
         series = self.series
-        u = series(np.clip(s, 0.0, 1.0))
+        u = series(s.clip(0.0, 1.0))
         for outside, panel in ((s < 0.0, 0), (s > 1.0, -1)):  # the first and the last panel go on
             if outside.any():
                 ends = series.edges[:2] if panel == 0 else series.edges[-2:]

@@ -76,13 +76,13 @@ def with_tangents(robot: ParallelRobot, path: Path, s: Array, linearised: Linear
         NotAssembled: a pose is singular to the last bit and has no tangent.
     """
     rim = SAME_PLACE * (s[-1] - s[0])
-    inside = np.clip(s, s[0] + rim, s[-1] - rim)
+    inside = s.clip(s[0] + rim, s[-1] - rim)
     twist, _ = robot.platform.twist(path(s), path(inside, 1))
     return BranchPoses(s, linearised, joint_rates(robot, linearised, twist))
 
 
 def follow_panels(robot: ParallelRobot, path: Path, pose: LinearisedLoops) -> list[BranchPoses]:
-    """Follow the path from a pose (T = 1) at s = 0 on panels, as far as none must be too narrow.
+    """Follow the path from a pose (T = 1) at s = 0, or near it, on panels, as far as none must be too narrow.
 
     Springs keep their deflections.
 
@@ -93,10 +93,10 @@ def follow_panels(robot: ParallelRobot, path: Path, pose: LinearisedLoops) -> li
     waiting = list(pairwise([0.0, *path.knots, 1.0]))[::-1]  # starts and ends in s, the first panel on top
     while waiting:
         first, end = waiting.pop()
-        panel = _close_panel(robot, path, pose, first, end)
-        if panel is not None and _is_one_branch(robot, pose, panel):
-            panels.append(panel)
-            pose = panel.linearised.select(-1)
+        closed = _close_panel(robot, path, pose, first, end)
+        if closed is not None and _is_one_branch(robot, pose, *closed):
+            panels.append(closed[0])
+            pose = closed[0].linearised.select(-1)
             continue
         if end - first <= MIN_SHEET_PANEL:
             break
@@ -107,11 +107,14 @@ def follow_panels(robot: ParallelRobot, path: Path, pose: LinearisedLoops) -> li
 
 def _close_panel(
     robot: ParallelRobot, path: Path, pose: LinearisedLoops, start: float, end: float
-) -> BranchPoses | None:
+) -> tuple[BranchPoses, Array] | None:
     """Close the loops at the nodes of a panel that begins at a pose (T = 1); None if some do not close.
 
     A Newton step from the pose, whose equations are factored, gives the guesses for the coarse nodes. Their
     polynomial gives those for all nodes.
+
+    Returns:
+        The panel; the Newton step (nv,) from the pose to its first node.
     """
     try:
         q = pose.frames.q  # (1, nq)
@@ -126,7 +129,9 @@ def _close_panel(
         offsets = _from_coarse_nodes() @ difference(robot, q, coarse.q)  # (SHEET_NODES, nv)
         s = panel_nodes(start, end)
         closing = close_each(robot, path(s), integrate(robot, q, offsets), iterations=MAX_STEPS)
-        return with_tangents(robot, path, s, closing.linearised) if closing.closed.all() else None
+        if not closing.closed.all():
+            return None
+        return with_tangents(robot, path, s, closing.linearised), step[0]
     except NotAssembled:  # a pose is singular to the last bit
         return None
 
@@ -138,13 +143,19 @@ def _from_coarse_nodes() -> Array:
     return np.asarray(polynomials @ coefficients(np.eye(COARSE_NODES)), dtype=float)
 
 
-def _is_one_branch(robot: ParallelRobot, pose: LinearisedLoops, panel: BranchPoses) -> bool:
-    """Return whether a panel begins at a pose (T = 1), continues its branch, and resolves it."""
+def _is_one_branch(
+    robot: ParallelRobot, pose: LinearisedLoops, panel: BranchPoses, first_step: Array
+) -> bool:
+    """Return whether a panel begins a Newton step from a pose (T = 1), continues its branch, and resolves it.
+
+    Args:
+        first_step: (nv,) from the pose to the panel's first node; rounding if the pose is on the path.
+    """
     units = robot.column_scale  # (nv,) by which offsets become dimensionless
     offsets = difference(robot, pose.frames.q, panel.q) / units  # (SHEET_NODES, nv)
     series = coefficients(offsets)
     truncation = np.abs(series[-SHEET_NODES // 8 :]).max()
-    if np.abs(offsets[0]).max() > SAME_PLACE or truncation > SHEET_TAIL:
+    if np.abs(offsets[0] - first_step / units).max() > SAME_PLACE or truncation > SHEET_TAIL:
         return False
     keeps_branch, _ = judge_steps(robot, panel)
     return bool(keeps_branch.all())
@@ -166,7 +177,7 @@ def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, 
     corrections = difference(robot, integrate(robot, q[:-1], predicted), q[1:])
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * rate[1:])
     keeps_branch = is_small & keeps_working_mode(robot, *(stack.linearised for stack in stacks))
-    curved = np.flatnonzero(keeps_branch & ~is_straight)
+    (curved,) = (keeps_branch & ~is_straight).nonzero()
     if len(curved):
         ends = stacks[-1].linearised.select(curved + 1 if len(stacks) == 1 else curved)
         keeps_branch[curved] = count_lost_ranks(robot, ends, BRANCHES_CROSS) == 0

@@ -45,6 +45,7 @@ from framework.kinematics.linearised_loops import (
     count_lost_ranks,
     equation_sizes,
     linearised_at,
+    linearised_at_reference,
     type1_matrix,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -104,14 +105,18 @@ def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
         OutOfReach, Type1Singularity, UncontrolledMotions: as `track_path`.
     """
     reference = robot.reference
-    distance = float(np.abs(x - reference.x).max())
-    if distance < FILE_ROUNDING * robot.length:  # one Newton solution cannot leave the working mode
+    if _is_near_reference(robot, x):
         return close_loops(robot, x[None], reference.q[None]).linearised, 1
-    start = linearised_at(robot, reference.q[None], reference.x[None])
+    start = linearised_at_reference(robot)
     segment = Line(reference.x, x)
     followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
     steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
     return followed.last.linearised, steps
+
+
+def _is_near_reference(robot: ParallelRobot, x: Array) -> bool:
+    """Return whether x (n,) is so near to the reference that Newton's method stays in its working mode."""
+    return float(np.abs(x - robot.reference.x).max()) < FILE_ROUNDING * robot.length
 
 
 def track_path(robot: ParallelRobot, path: Path) -> Branch:
@@ -130,7 +135,8 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
-    start, _ = _reach(robot, finite_numbers("the start of the path", path(0.0), robot.n))
+    x = finite_numbers("the start of the path", path(0.0), robot.n)
+    start = linearised_at_reference(robot) if _is_near_reference(robot, x) else _reach(robot, x)[0]
     followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
 
@@ -138,7 +144,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, pose: LinearisedLoops, *, to_the_end: bool = False
 ) -> FollowedPath:
-    """Follow the path from a pose (T = 1) at s = 0 until path or branch ends.
+    """Follow the path from a pose (T = 1) at s = 0, or near it, until path or branch ends.
 
     The poses stay in one working mode; they may pass Type 2 singularities. Springs keep their deflections. A
     branch ends at a Type 1 singularity.
@@ -151,7 +157,11 @@ def follow_path(
         NotAssembled: the pose is singular to the last bit.
     """
     panels = follow_panels(robot, path, pose)
-    last = panels[-1].last if panels else with_tangents(robot, path, np.zeros(1), pose)
+    if panels:
+        last = panels[-1].last
+    else:
+        start = close_loops(robot, path(np.zeros(1)), pose.frames.q).linearised
+        last = with_tangents(robot, path, np.zeros(1), start)
     return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
 
 

@@ -210,6 +210,11 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
         y = program.space.adjust(y, program.conditions, duration)
     stretch = program.problem.task.stretch
     law = OptimalLaw(
-        y, specification.smoothness, duration or 0.0, stretch.dense_at, tuple(program.basis.cells)
+        y,
+        specification.smoothness,
+        duration or 0.0,
+        stretch.dense_at,
+        tuple(program.basis.cells),
+        specification.ends.moving,
     )
     return Best(law, search, program.evaluate_speed(y)._replace(floor=speed.floor))

@@ -1,10 +1,11 @@
 """Bounds of every law by Lagrange duality, and the cone program that makes these bounds sharp.
 
-A law that advances from rest to rest has z = s'^2 > 0 within (0, 1) and z = 0 at the ends. Its torques over
+A law that advances has z = s'^2 > 0 within (0, 1); its z at both ends is given, 0 at rest. Its torques over
 their reference are c + cz z + cu u + d sqrt(z) with u = z'/2 (`path_series`). For any multipliers nu(s) with
 a continuous p = nu . cu / 2, integration of p z' by parts leaves
 
-    integral of nu . torque = integral of nu . c + (nu . cz - p') z + (nu . d) sqrt(z).
+    integral of nu . torque = B + integral of nu . c + (nu . cz - p') z + (nu . d) sqrt(z),
+    B = p(1) z(1) - p(0) z(0).
 
 Let mu, lambda >= 0, and let k z <= 1 be the squared speeds over their limits. With
 
@@ -12,7 +13,7 @@ Let mu, lambda >= 0, and let k z <= 1 be the squared speeds over their limits. W
 
 the peak P of the torques and the duration T = integral of z^(-1/2) of every law are bounded by
 
-    P integral of |nu|_1 + lambda T >= integral of nu . c - mu + C(factor, nu . d).
+    P integral of |nu|_1 + lambda T >= B + integral of nu . c - mu + C(factor, nu . d).
 
 With T <= D this bounds P from below; with P <= 1 it bounds T. The bound is computed from the multipliers, and
 all errors of the series lower it: no proof relies on the solver that found the multipliers.
@@ -45,7 +46,7 @@ from framework.numerics.cone_program import (
     product_cone,
     solve_cone_program,
 )
-from framework.numerics.sparse_rows import scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.path_series import PathSeries
 
 # of x; the error of the factor is of the order of the cells' width with degree 1, of its square with degree 2
@@ -94,11 +95,13 @@ class DualProgram:
 
     longest: the largest duration [s] of the laws whose peak is bounded; None without a limit.
     timed: whether the duration of laws with peaks of at most 1 is bounded instead of the peak.
+    end_z: z at the start and at the goal.
     """
 
     series: PathSeries
     longest: float | None
     timed: bool
+    end_z: tuple[float, float] = (0.0, 0.0)
 
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
         """Compute the bound that multipliers prove.
@@ -113,8 +116,11 @@ class DualProgram:
         terms = self._bound_terms(multipliers, least_factor)
         norm = self._bound_norm(multipliers.x)
         total_norm = width @ norm  # the integral of |nu|_1
-        rounding = SUM_ROUNDING * ((np.abs(terms) @ width).sum() + total_norm)
-        total = (terms @ width).sum() - rounding
+        start_z, goal_z = self.end_z
+        p = multipliers.x[..., 0]
+        at_ends = np.array([goal_z * p[-1, -1], -start_z * p[0, 0]])  # the terms of B
+        rounding = SUM_ROUNDING * ((np.abs(terms) @ width).sum() + np.abs(at_ends).sum() + total_norm)
+        total = (terms @ width).sum() + at_ends.sum() - rounding
 
         if self.timed:
             value = (total - total_norm) / multipliers.lam
@@ -193,7 +199,7 @@ class DualProgram:
 
         # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
-        rows = {name: scale_rows(part, scaling) for name, part in draft.factor.items()}
+        rows = {name: SparseRows.of(part).scale(scaling) for name, part in draft.factor.items()}
         margins = np.repeat(self.series.width * margin, SIZE)
         draft.nonnegative.append(AffineRows(rows, -scaling * margins))
         program = ConeProgram(
@@ -219,7 +225,7 @@ class DualProgram:
     def _add_torques(self, draft: _Draft) -> None:
         """Add the unknowns x to the cost and the factor, and unknowns t >= |nu|.
 
-        The cost contains nu . c, the factor nu . cz - p'. On a cell p' has the coefficients
+        The cost contains nu . c and B, the factor nu . cz - p'. On a cell p' has the coefficients
         MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
 
         The bound of a peak is divided by the integral of |nu|_1, which is therefore limited to 1. In a bound
@@ -236,7 +242,9 @@ class DualProgram:
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
         draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
-        draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c
+        start_z, goal_z = self.end_z
+        p_ends = self._x_coefficients[[0, -m]].toarray()  # p at the start and at the goal
+        draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c - [-start_z, goal_z] @ p_ends
 
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)

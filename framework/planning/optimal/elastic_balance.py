@@ -11,6 +11,7 @@ may be in balance while they vibrate at an end.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,10 +59,9 @@ def find_law_in_balance(
     points = find_crossing_points(task)
     conditions = condition_rows(problem_of(task, points, speed_places), law.basis)
     duration = task.specification.duration or law.duration
-    # values of all conditions; those on required speeds are set to what is required
+    # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
-    speeds = slice(len(values) - len(task.request.speeds or ()), None)
-    values[speeds] = -conditions.offset[speeds]
+    values[len(points) :] = -conditions.offset[len(points) :]
 
     def shift_conditions(shifts: Array) -> OnParameter:
         """Return the law nearest to `law` whose first k conditions have values shifted by (k,)."""
@@ -108,7 +108,7 @@ def _adjust(task: Task, law: OptimalLaw, y: Array, equalities: Affine, duration:
     space = SpeedSpace(SpeedBasis(np.array(ONE_CELL), len(y)), law.stretch)
     try:
         y = space.adjust(y, equalities, duration, relative=True)
-        return OptimalLaw(y, law.smoothness, duration, law.dense_at)
+        return replace(law, coefficients=y, cells=ONE_CELL, duration=duration)
     except InvalidInput:
         raise _no_law_near(task) from None
 

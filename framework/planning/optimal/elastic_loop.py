@@ -170,7 +170,10 @@ def _balance(search: _Search, y: Array, previous: KnownDeflections | None) -> It
     """
     task = search.task
     try:
-        law = OptimalLaw(y, task.specification.smoothness, dense_at=task.stretch.dense_at)
+        specification, stretch = task.specification, task.stretch
+        law = OptimalLaw(
+            y, specification.smoothness, dense_at=stretch.dense_at, moving=specification.ends.moving
+        )
         law, balance = find_law_in_balance(task, law, previous, search.speed_places, search.accuracy)
         if balance.state.misfit > MAX_UNRESOLVED_MISFIT:
             return NotConverged(

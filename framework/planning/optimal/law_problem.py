@@ -15,12 +15,13 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
 
+from framework.laws.law import compose_derivatives
+from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
-from framework.numerics.sparse_rows import scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
@@ -91,12 +92,14 @@ class MotorRows(NamedTuple):
     """Torques and squared speeds of the motors at M points of a path, affine in the n coefficients of z."""
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
-    squared_speed: tuple[Any, ...]  # (M, n) of each motor with a speed limit, over the squared limit
+    squared_speed: tuple[SparseRows, ...]  # (M, n) of each motor with a speed limit, over the squared limit
 
-    def combine(self, weights: Any) -> MotorRows:
+    def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
-        torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
-        return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
+        torque = tuple(
+            Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in self.torque
+        )
+        return MotorRows(torque, tuple(SparseRows.of(weights @ matrix) for matrix in self.squared_speed))
 
     def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
@@ -117,14 +120,13 @@ class MotorRows(NamedTuple):
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
             tuple(_stack_affine(upper, lower) for upper, lower in torques),
-            tuple(vstack(pair, format="csr") for pair in speeds),
+            tuple(upper.append(lower) for upper, lower in speeds),
         )
 
 
 def _stack_affine(upper: Affine, lower: Affine) -> Affine:
-    """Return the sparse affine functions `upper` and `lower`, one below the other."""
-    matrix = vstack([upper.matrix, lower.matrix], format="csr")
-    return Affine(matrix, np.append(upper.offset, lower.offset))
+    """Return the affine functions `upper` and `lower`, one below the other."""
+    return Affine(upper.matrix.append(lower.matrix), np.append(upper.offset, lower.offset))
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
@@ -144,16 +146,16 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     # z and u as rows (M, n) on the coefficients of z
     z = basis.matrix(xi)
-    u = scale_rows(basis.matrix(xi, 1), 0.5 * problem.task.stretch(sigma, 1))
+    u = basis.matrix(xi, 1).scale(0.5 * problem.task.stretch(sigma, 1))
     # the rows of each motor, bounded beside crossings
     torques = []
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
-        matrix = scale_rows(z, motor_cz) + scale_rows(u, motor_cu)
+        matrix = z.scale(motor_cz) + u.scale(motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
 
 
-def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> tuple[Any, ...]:
+def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
     """Compute rows (M, n) of squared speeds over their squared limits.
 
     A motor without a limit has no rows.
@@ -164,7 +166,7 @@ def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> t
     """
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
-    return tuple(scale_rows(z, ratio**2) for ratio in ratios.T)
+    return tuple(z.scale(ratio**2) for ratio in ratios.T)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
@@ -189,19 +191,68 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         # least squares, as conditions may depend on each other
         share = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], left.T, rcond=None)[0].T
         shares[np.ix_(beside, chosen)] = share
-    return Affine(torque.matrix - csr_array(shares) @ C, torque.offset - shares @ conditions.offset)
+    return Affine(torque.matrix.subtract_multiples(shares, C), torque.offset - shares @ conditions.offset)
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on the coefficients of z.
 
     The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
-    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
+    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. The last rows are those of
+    ends in motion.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
     per_slope = 0.5 * per_u * dxi + 0.5 * per_du * ddxi  # per dz/dxi
     per_bend = 0.5 * per_du * dxi**2  # per d2z/dxi2
-    rows = scale_rows(z, per_z) + scale_rows(z_xi, per_slope) + scale_rows(z_xi_xi, per_bend)
+    rows = z.scale(per_z) + z_xi.scale(per_slope) + z_xi_xi.scale(per_bend)
+    at_ends = _end_rows(problem, basis)
+    rows = rows.append(at_ends.matrix)
+    constant = np.append(constant, at_ends.offset)
     return Affine(rows, constant)
+
+
+def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
+    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
+
+    s' ... s^(R) at such an end, where phi' > 0, determine the first R derivatives of sigma by time, and so z
+    and its first R - 1 derivatives by sigma: with v = d sigma/dt, the derivatives of sigma are v, z'/2,
+    v z"/2 and z'z"/4 + z z"'/2. The rows of z are those of its derivatives by xi, by the chain rule.
+    """
+    specification = problem.specification
+    orders = specification.smoothness
+    rows = [np.empty((0, len(basis.matrix(np.ones(1)).toarray()[0])))]
+    values = [np.empty(0)]
+    ends = zip(specification.ends.moving, specification.ends.derivatives(orders), strict=True)
+    for sigma, (is_moving, derivatives) in enumerate(ends):
+        if not is_moving:
+            continue
+        at_end = np.array(float(sigma))
+        by_xi = [
+            basis.matrix(np.array([2.0 * sigma - 1.0]), k).toarray()[0] for k in range(orders)
+        ]  # (n,) each
+        xi_slopes = [problem.task.stretch(at_end, k) for k in range(1, orders)]
+        matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
+        targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)
+        sizes = np.abs(matrix).max(axis=1)
+        rows.append(matrix / sizes[:, None])
+        values.append(targets / sizes)
+    return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
+
+
+def _squared_speed_at_end(phi: Smoothstep, sigma: Array, derivatives: Array) -> Array:
+    """Compute z and its derivatives (R,) by sigma at an end with derivatives (R,) of s by time, R <= 4."""
+    orders = len(derivatives)
+    by_sigma = [phi(sigma, k) for k in range(orders + 1)]
+    rates = list[Array]()  # of sigma by time: those of phi(sigma(t)) are the given ones, one after the other
+    for order, derivative in enumerate(derivatives, start=1):
+        rest = compose_derivatives(by_sigma[: order + 1], [*rates, np.zeros(())])[order]
+        rates.append((derivative - rest) / by_sigma[1])
+    v, a, *higher = rates
+    z = [v**2, 2.0 * a]
+    if higher:
+        z.append(2.0 * higher[0] / v)
+    if len(higher) > 1:
+        z.append(2.0 * (higher[1] - 0.5 * a * z[2]) / v**2)
+    return np.array(z)

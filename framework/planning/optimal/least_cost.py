@@ -8,12 +8,13 @@ cost settles.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
@@ -233,7 +234,7 @@ def _first_units(program: SpeedProgram) -> Units:
 
     # inertia [s^2]: torque over the reference per z, of the motor that needs most
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
-    inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
+    inertia = max(_median_largest(torque.matrix) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:
         rows_per_z = [inertia, *map(_median_largest, program.rows.squared_speed)]  # of limits, in s^2
         time = float(np.sqrt(max(rows_per_z))) or 1.0
@@ -244,9 +245,9 @@ def _first_units(program: SpeedProgram) -> Units:
     return Units(time, weight or inertia / time**2 or 1.0)
 
 
-def _median_largest(matrix: Any) -> float:
-    """Return the median over rows of the largest entry of each row."""
-    return float(np.median(matrix.max(axis=1).toarray()))
+def _median_largest(matrix: SparseRows) -> float:
+    """Return the median over rows of the largest size of an entry of each row."""
+    return float(np.median(matrix.largest()))
 
 
 def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:

@@ -17,7 +17,6 @@ least rho is the solution of a linear program in the coefficients y of z. At a c
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array
 
 from framework.dynamics.loaded_balance import DeflectedMotion
 from framework.dynamics.loaded_measure import Softening, measure_softening
@@ -25,7 +24,7 @@ from framework.errors import NotAssembled
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
-from framework.numerics.sparse_rows import scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.optimal_task import Task
@@ -54,12 +53,12 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
     # the unknown rho is at least the softening at each point, and is minimised
     below_rho = AffineRows(
-        {"y": csr_array(-slopes / largest[:, None]), "rho": csr_array(1.0 / largest[:, None])},
+        {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]},
         -softening.offset / largest,
     )
     # a law must advance everywhere; the program has no strict z > 0, but a lower bound of the coefficients
     size = program.basis.size
-    above_least = AffineRows({"y": eye_array(size, format="csr")}, np.full(size, -LEAST_SQUARED_SPEED))
+    above_least = AffineRows({"y": SparseRows.identity(size)}, np.full(size, -LEAST_SQUARED_SPEED))
     optimum = solve_cone_program(
         ConeProgram(
             {"y": size, "rho": 1},
@@ -83,9 +82,9 @@ def _scale_conditions(conditions: Affine, unit: float) -> AffineRows:
         conditions: rows matrix y + offset = 0, with y in 1/s^2.
         unit: of y [1/s^2].
     """
-    sizes = np.abs(conditions.matrix).max(axis=1).toarray().ravel()  # (k,)
+    sizes = conditions.matrix.largest()  # (k,)
     sizes[sizes == 0.0] = 1.0  # of a condition that every law meets
-    return AffineRows({"y": scale_rows(conditions.matrix, 1.0 / sizes)}, conditions.offset / (unit * sizes))
+    return AffineRows({"y": conditions.matrix.scale(1.0 / sizes)}, conditions.offset / (unit * sizes))
 
 
 def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
@@ -100,11 +99,11 @@ def _softening_rows(task: Task, program: SpeedProgram) -> Affine:
     h_at_z_and_u = _measure_at(task, sigma, 1.0, 1.0).h
     # values of z and u as rows (M, n) on y; u = dz/dsigma / 2 by the chain rule through xi
     z = program.basis.matrix(program.xi)
-    u = scale_rows(program.basis.matrix(program.xi, 1), 0.5 * task.stretch(sigma, 1))
-    h = scale_rows(z, h_at_z - h_rest) + scale_rows(u, h_at_z_and_u - h_at_z)
+    u = program.basis.matrix(program.xi, 1).scale(0.5 * task.stretch(sigma, 1))
+    h = z.scale(h_at_z - h_rest) + u.scale(h_at_z_and_u - h_at_z)
     delta = SOFTENING_NEAR_CROSSING * np.abs(g).max()
     weight = -g / (g**2 + delta**2)  # -1 / g away from the crossings
-    return Affine(scale_rows(h, weight).toarray(), weight * h_rest)
+    return Affine(h.scale(weight).toarray(), weight * h_rest)
 
 
 def _measure_at(task: Task, sigma: Array, z: float, u: float) -> Softening:

@@ -61,7 +61,7 @@ class Task(NamedTuple):
 
     @property
     def phi(self) -> Smoothstep:
-        return Smoothstep(self.specification.smoothness)
+        return self.specification.phi
 
     @property
     def stretch(self) -> Stretch:

@@ -2,8 +2,8 @@
 
 The bounds are found by multipliers nu of the torques, mu of the speed limits and lambda of the duration
 (`dual_program`), on cells of the path coordinate s. They hold for rigid robots with as many motors as axes,
-on paths that cross the locus transversally, and for all laws that advance from rest to rest, whatever their
-discretisation. Otherwise there is no bound, and nothing is proved.
+on paths that cross the locus transversally, and for all laws that advance and have the same speeds at both
+ends, whatever their discretisation. Otherwise there is no bound, and nothing is proved.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PeakBound(ReadOnlyArrays):
     The symbols are those of `dual_program`.
 
     by_duality: the bound of the peak torque over the reference, or of the duration [s].
-    at_rest: the relative peak of every law at its ends, where s' = s" = 0; zero if s" need not vanish there.
+    at_ends: the relative peak of every law at its ends, where s' and s" are given.
     reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
     edges: edges (k + 1,) of the cells in s, on which the multipliers are constant or in Bernstein form.
     p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2 of the m
@@ -48,7 +48,7 @@ class PeakBound(ReadOnlyArrays):
     """
 
     by_duality: float
-    at_rest: float
+    at_ends: float
     reference: Array
     edges: Array
     p: Array
@@ -59,7 +59,7 @@ class PeakBound(ReadOnlyArrays):
     @property
     def value(self) -> float:
         """The larger of both bounds."""
-        return max(self.by_duality, self.at_rest)
+        return max(self.by_duality, self.at_ends)
 
 
 def bound_peak(task: Task, reference: Array) -> PeakBound | None:
@@ -123,7 +123,7 @@ def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | Non
     x = proof.multipliers.x
     return PeakBound(
         by_duality=proof.evidence.value,
-        at_rest=0.0 if timed else _peak_at_rest(task, reference),
+        at_ends=0.0 if timed else float(np.abs(torques_at_ends(task) / reference).max()),
         reference=reference,
         edges=proof.series.edges,
         p=x[..., 0],
@@ -146,6 +146,8 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     if not _has_bound(task, reference):
         return None
     longest = None if timed else task.specification.max_duration
+    start_speed, goal_speed = task.specification.ends.derivatives(1)[:, 0]
+    end_z = (start_speed**2, goal_speed**2)
     best: _Proof | None = None
     proof: _Proof | None = None
     edges = uniform_cells(task, FIRST_CELLS)
@@ -153,7 +155,7 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
         series = resolve_series(task, reference, edges)
         if series is None:
             return best
-        proof = _solve_program(DualProgram(series, longest, timed), previous=proof)
+        proof = _solve_program(DualProgram(series, longest, timed, end_z), previous=proof)
         if proof is None:
             return best
         if proof.complete:
@@ -235,13 +237,11 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
     return proof
 
 
-def _peak_at_rest(task: Task, reference: Array) -> float:
-    """Return the largest holding torque at the two ends of the path, over the reference (n_a,) [N m].
-
-    Every law whose s' and s" vanish at the ends needs this torque; 0 if s" need not vanish.
-    """
-    if task.specification.smoothness < 2:
-        return 0.0
-    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]))  # sigma = s
-    torque = required.torque.constant + required.friction(task.specification.friction)
-    return float(np.abs(torque / reference).max())
+def torques_at_ends(task: Task) -> Array:
+    """Compute the motors' torques (2, n_a) [N m, N] at start and goal, where s' and s" are given."""
+    specification = task.specification
+    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]))  # sigma = s: z = s'^2, u = s"
+    speed, acceleration = specification.ends.derivatives(2).T[:, :, None]
+    constant, per_z, per_u = required.torque
+    torque = constant + per_z * speed**2 + per_u * acceleration + required.damping * speed
+    return np.asarray(torque + required.friction(specification.friction))

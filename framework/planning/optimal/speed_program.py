@@ -16,13 +16,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array
 
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, IntArray
 from framework.numerics.chebyshev import gauss_legendre
 from framework.numerics.cone_program import (
     TOLERANCE,
@@ -34,7 +33,7 @@ from framework.numerics.cone_program import (
     product_cone,
     solve_cone_program,
 )
-from framework.numerics.sparse_rows import row_maxima, scale_rows
+from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem, MotorRows, condition_rows, motor_rows
 from framework.planning.optimal.path_series import cells_about
 from framework.tolerances import LIMIT_MARGIN
@@ -118,7 +117,7 @@ class SpeedProgram:
         rows = motor_rows(problem, basis, conditions, xi)
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
-            rows_at_crossings = rows.combine(csr_array(np.array(limit_weights)))
+            rows_at_crossings = rows.combine(np.array(limit_weights))
             rows = rows.stack(rows_at_crossings)
         return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
 
@@ -140,7 +139,7 @@ class SpeedProgram:
         return self.weights[self._inner_points]
 
     @cached_property
-    def z(self) -> Any:
+    def z(self) -> SparseRows:
         """Rows (P, n) that give the values z = rows @ y at the inner points."""
         return self.basis.matrix(self.xi[self._inner_points])
 
@@ -155,14 +154,14 @@ class SpeedProgram:
         inside = self._inner_points
         sigma = self.problem.sigma(self.xi)[inside]
         z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        curvature = scale_rows(z_xi_xi, stretch(sigma, 1) ** 2) + scale_rows(z_xi, stretch(sigma, 2))
-        rows = scale_rows(curvature, np.sqrt(self._inner_weights))
+        curvature = z_xi_xi.scale(stretch(sigma, 1) ** 2) + z_xi.scale(stretch(sigma, 2))
+        rows = curvature.scale(np.sqrt(self._inner_weights))
         # the root mean square of the entries, times the root of the number of rows
-        size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
+        size = np.sqrt(np.mean(np.square(rows.values)) * rows.shape[0])
         return linear_rows(y=rows / size)
 
     @cached_property
-    def fine_quadrature(self) -> tuple[Any, Array]:
+    def fine_quadrature(self) -> tuple[SparseRows, Array]:
         """Rows (F, n) of z on y at fine points, and weights (F,) of integrals over sigma."""
         cells = _subdivide(self.cells, FINE_PARTS)
         counts = np.full(len(cells) - 1, FINE_POINTS)
@@ -233,7 +232,7 @@ class SpeedProgram:
 
         # conditions on the law, and rows that may not be negative
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
-        identity = eye_array(self.basis.size, format="csr")
+        identity = SparseRows.identity(self.basis.size)
         nonnegative = [AffineRows({"y": identity}, np.full(self.basis.size, -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
         if cap is not None:
@@ -306,7 +305,7 @@ class SpeedProgram:
             bounds: bounds of duration and energy.
             units: units of the program.
         """
-        weights = csr_array(-self._inner_weights[None])
+        weights = SparseRows.of(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
             rows.append(AffineRows({"v": weights}, np.array([bounds.longest / units.time])))
@@ -330,7 +329,7 @@ class SpeedProgram:
         """
         fine_z, weights = self.fine_quadrature
         z_0 = fine_z @ y * units.time**2  # (F,)
-        slope = csr_array((-0.5 * weights * z_0**-1.5)[None]) @ fine_z
+        slope = SparseRows.of(((-0.5 * weights * z_0**-1.5) @ fine_z)[None])
         constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
         return AffineRows({"y": slope}, np.array([constant]))
 
@@ -407,7 +406,7 @@ class SpeedProgram:
             powered: whether the energy counts.
         """
         count = self.z.shape[0]
-        identity = eye_array(count, format="csr")
+        identity = SparseRows.identity(count)
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
@@ -454,7 +453,7 @@ def _subdivide(edges: Array, parts: int) -> Array:
     return np.append(starts, edges[-1])
 
 
-def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
+def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> tuple[Array, Array]:
     """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
 
     Since d sigma = d xi / xi', the weights are Gauss weights of integrals over xi, divided by
@@ -464,15 +463,13 @@ def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tup
         cells: (k + 1,) edges of the cells in xi.
         counts: (k,) numbers of Gauss points of the cells.
     """
-    xi_of_cells = list[Array]()
-    weights_of_cells = list[Array]()
-    for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
-        points, point_weights = gauss_legendre(int(count))
-        half_width = 0.5 * (high - low)
-        xi_of_cells.append(0.5 * (low + high) + half_width * points)
-        weights_of_cells.append(half_width * point_weights)
-    xi = np.concatenate([[-1.0], *xi_of_cells, [1.0]])
-    xi_weights = np.concatenate([[0.0], *weights_of_cells, [0.0]])
+    rules = {count: gauss_legendre(count) for count in set(counts.tolist())}
+    local = np.concatenate([rules[count][0] for count in counts.tolist()])  # in [-1, 1] on each cell
+    local_weights = np.concatenate([rules[count][1] for count in counts.tolist()])
+    middle = np.repeat(0.5 * (cells[:-1] + cells[1:]), counts)
+    half_width = np.repeat(0.5 * (cells[1:] - cells[:-1]), counts)
+    xi = np.concatenate([[-1.0], middle + half_width * local, [1.0]])
+    xi_weights = np.concatenate([[0.0], half_width * local_weights, [0.0]])
     xi_slope = problem.task.stretch(problem.sigma(xi), order=1)  # d xi / d sigma
     return xi, xi_weights / xi_slope
 
@@ -502,11 +499,11 @@ def _scale_large_rows(rows: AffineRows) -> AffineRows:
     """
     if not len(rows.offset):
         return rows
-    largest = row_maxima(rows.parts["y"])
+    largest = rows.parts["y"].largest()
     if largest.max() <= MAX_ROW_SIZE:
         return rows
     factors = 1.0 / np.maximum(1.0, largest / MAX_ROW_SIZE)
-    parts = {name: scale_rows(matrix, factors) for name, matrix in rows.parts.items()}
+    parts = {name: matrix.scale(factors) for name, matrix in rows.parts.items()}
     return AffineRows(parts, factors * rows.offset)
 
 
@@ -525,6 +522,6 @@ def _bound_size(
     ]
 
 
-def _constant_column(matrix: Any, value: float) -> Any:
-    """Return a sparse column filled with a value, with as many rows as a matrix."""
-    return csr_array(np.full((matrix.shape[0], 1), value))
+def _constant_column(matrix: SparseRows, value: float) -> SparseRows:
+    """Return a column filled with a value, with as many rows as a matrix."""
+    return SparseRows.of(np.full((matrix.shape[0], 1), value))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
-from framework.laws.optimal_law import OptimalLaw
+from framework.laws.optimal_law import OptimalLaw, Smoothstep
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
@@ -30,7 +30,7 @@ from framework.planning.optimal.optimal_task import (
     other_law,
 )
 from framework.planning.optimal.path_series import sample_demand
-from framework.planning.optimal.peak_bound import find_refuting_bound
+from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
@@ -230,7 +230,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     )
     if not problem.task.to_cross.explained:
         return not_found
-    holding = _overloaded_at_rest(problem)
+    holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
@@ -261,9 +261,13 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     needed, allowed = format_distinct(holding.torque, holding.limit)
     has_friction = robot.joint_friction.any()
     uncounted = " (dry friction, which may hold some of it, not counted)" if has_friction else ""
+    load = f"hold {needed} {unit} at rest{uncounted}"
+    ends = problem.specification.ends
+    if ends.moving[int(holding.s)]:
+        speed, acceleration = ends.derivatives(2)[int(holding.s)]
+        load = f"drive with {needed} {unit} at s' = {speed:g} 1/s and s\" = {acceleration:g} 1/s^2"
     return NoLaw(
-        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
-        f"{unit} at rest{uncounted}, and may {allowed}",
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may {allowed}",
         proof=holding,
         evidence=evidence,
     )
@@ -319,11 +323,13 @@ def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> floa
     return result.law.duration if isinstance(result, Best) else None
 
 
-def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Find a holding torque above its limit at an end of the path; None without one."""
+def _overloaded_at_ends(problem: LawProblem) -> HoldingTorque | None:
+    """Find a torque above its limit at an end of the path, at rest or in motion; None without one."""
     task = problem.task
     limit = problem.specification.torque_limit
-    holding = np.abs(demand(task.branch, task.phi, np.array([0.0, 1.0])).torque.constant)  # (2, n_a)
+    at_rest = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0])).torque.constant
+    is_moving = np.array(problem.specification.ends.moving)[:, None]
+    holding = np.abs(np.where(is_moving, torques_at_ends(task), at_rest))  # (2, n_a)
     overloaded = np.argwhere(holding > limit)  # rows (end, motor)
     if not len(overloaded):
         return None

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SETTLED, MOST = 1e-8, 20  # a step of Newton's method whose successor is below rounding; steps at most

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 
 DIGITS = 50
 BASES = (Decimal("-0.2"), Decimal("0.2"))  # abscissae of the motors [m]

@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 from framework import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 
 MOST_CALLS = 20_000  # of the right-hand side
 PROXIMAL = (1e-12, 1e-12, 1e-8, 20)  # settings with which planar loops are sound in 3D

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart import closed_form as rigid
 
 SMOOTHNESS = 4  # derivatives of s that vanish at both ends

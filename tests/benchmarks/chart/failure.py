@@ -37,13 +37,12 @@ from framework import (
     simulate,
     track_path,
 )
+from framework.dynamics import finite_difference_torques
 from framework.dynamics.elasticity import Pass, evaluate_pass
-from framework.dynamics.finite_differences import finite_difference_torques
-from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics import Branch
 from framework.kinematics.frames import frames_at
-from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.laws import time_derivatives
+from framework.numerics import Array, ArrayLike, TimeFunction, TimeGrid
 from tests.benchmarks.chart import closed_form, contacts, elastic_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import BareRobot, Motion

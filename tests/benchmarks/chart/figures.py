@@ -14,7 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from framework.show.style import DASHES, save_pages
+from framework.show import DASHES
+from framework.show.style import save_pages
 from tests.benchmarks.chart.measure import Method, Row, Stage
 from tests.benchmarks.chart.reading import LEAST, WRONG, finite, front, sentence
 

@@ -6,7 +6,7 @@ Vectors of the plane are complex numbers; rods are rigid, links have no mass. Th
 
 import numpy as np
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart import closed_form
 
 _BASES = tuple(map(float, closed_form.BASES))

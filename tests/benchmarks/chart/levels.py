@@ -13,8 +13,8 @@ from typing import Any
 import robots
 from framework import CrossingPlan, FidelityStudy, fidelity_study
 from framework.fidelity.predicted_level import options_of_level, request_without_geometry, robot_at_level
-from framework.model.description import LEVELS, Level
-from framework.planning.plan import plan_request
+from framework.model import LEVELS, Level
+from framework.planning import plan_request
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
 
 SCENES = {"five_bar": "C", "five_bar_heavy": "C", "delta": "cross"}

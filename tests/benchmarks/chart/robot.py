@@ -11,13 +11,9 @@ from framework import Condition, Law, Line, ParallelRobot, inverse_dynamics, tra
 from framework.catalogue import robot_file
 from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.forces import motor_torque, tree_forces
-from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.motion_rates import Motion, motion_at
-from framework.laws.law import MotionLaw
-from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.chebyshev import TimeGrid
+from framework.kinematics import Branch, Motion, close_loops, motion_at
+from framework.laws import MotionLaw, time_derivatives
+from framework.numerics import Array, ArrayLike, TimeGrid
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart.bare import BareRobot, solve_each
 from tests.benchmarks.chart.bare import Motion as BareMotion

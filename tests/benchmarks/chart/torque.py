@@ -22,10 +22,10 @@ from scipy.interpolate import make_interp_spline
 
 from framework import plan_crossing
 from framework.dynamics.forces import joint_forces, motor_torque
+from framework.kinematics import Motion
 from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.motion_rates import Motion
-from framework.laws.law import MotionLaw
-from framework.numerics.arrays import Array, ArrayLike
+from framework.laws import MotionLaw
+from framework.numerics import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import solve_each

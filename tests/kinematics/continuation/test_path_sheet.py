@@ -39,26 +39,27 @@ def panel_beside(distance):
     middle = STRETCHED - [0.0, distance]
     path = Line(middle - half, middle + half)
     pose = linearised_at(ROBOT, assemble(ROBOT, path(0.0)).q[None], path(0.0)[None])
-    return path, pose, path_sheet._close_panel(ROBOT, path, pose, 0.0, 1.0)
+    closed = path_sheet._close_panel(ROBOT, path, pose, 0.0, 1.0)
+    assert closed is not None
+    return path, pose, *closed
 
 
 @pytest.mark.parametrize("node", [1, 16, 30])
 @pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_a_panel_that_jumps_to_another_mode_does_not_count(distance, sides, node):
-    path, pose, panel = panel_beside(distance)
-    assert panel is not None
+    path, pose, panel, first_step = panel_beside(distance)
     q = np.concatenate([panel.q[:node], other_mode(panel.q[node:], sides)])
     jumped = close_loops(ROBOT, path(panel.s), q).linearised
     apart = np.abs(jumped.frames.q[node:] - panel.q[node:]).max()
     assert apart > 0.1 * np.sqrt(distance)  # it is the other mode
     poses = with_tangents(ROBOT, path, panel.s, jumped)
-    assert not path_sheet._is_one_branch(ROBOT, pose, poses)
+    assert not path_sheet._is_one_branch(ROBOT, pose, poses, first_step)
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_the_panel_of_one_mode_counts(distance):
-    path, pose, panel = panel_beside(distance)
+    path, pose, panel, _ = panel_beside(distance)
     assert isinstance(panel, BranchPoses)
     (only,) = follow_panels(ROBOT, path, pose)
     np.testing.assert_allclose(only.q, panel.q, rtol=0, atol=1e-12)

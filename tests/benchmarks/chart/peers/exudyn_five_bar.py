@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, FiveBar, Run, start_angles
 

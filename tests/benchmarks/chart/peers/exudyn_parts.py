@@ -35,7 +35,7 @@ from exudyn.itemInterface import (
     SensorNode,
 )
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 
 exu.config.printToConsole = False  # a failure is an error, and no report in the figures' notebook
 SPECTRAL_RADIUS = 0.9  # a little numerical damping, for the algebraic unknowns

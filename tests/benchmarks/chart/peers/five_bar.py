@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.model.description import FLEXIBILITIES
-from framework.numerics.arrays import Array, ArrayLike
+from framework.model import FLEXIBILITIES
+from framework.numerics import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 
 LENGTH = float(closed_form.LENGTH)  # of every link [m]

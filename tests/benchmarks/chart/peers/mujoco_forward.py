@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart.peers.five_bar import SIDES, FiveBar, Run, start_angles
 from tests.benchmarks.chart.peers.mujoco_five_bar import model_of
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart.bare import newton_in_stacks, solve_each
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
 from tests.benchmarks.chart.peers.mujoco_five_bar import NEGLIGIBLE, model_of

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics import Array
 from tests.benchmarks.chart.bare import solve_each
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, PAYLOAD, ROTOR_INERTIA
 

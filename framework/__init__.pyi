@@ -1,8 +1,3 @@
-"""The names that `import framework` has; `help(framework)` says what each is for, and what to read first.
-
-They stand in a file of their own so that `import framework` takes no time until one of them is used.
-"""
-
 from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
 from framework.dynamics.forward_dynamics import forward_dynamics
@@ -36,7 +31,11 @@ from framework.errors import (
 )
 from framework.fidelity.capacity import largest_load
 from framework.fidelity.fidelity_study import FidelityStudy, fidelity_study
-from framework.kinematics.continuation.forward_kinematics import forward_kinematics
+from framework.kinematics.continuation.forward_kinematics import (
+    follow_motors,
+    forward_kinematics,
+    forward_kinematics_stack,
+)
 from framework.kinematics.continuation.tracking import assemble, track_path
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
@@ -51,7 +50,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.saved import load_plan
 from framework.planning.scenes import plan_scene
 from framework.proofs.singular_paving import SingularPaving, pave_singularities
-from framework.simulation import Simulation, simulate
+from framework.simulation.simulate import Simulation, simulate
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 from framework.singularity.pose_classes import classify
 from framework.singularity.traced_locus import trace_locus
@@ -100,8 +99,10 @@ __all__ = [
     "dynamics_at",
     "dynamics_derivatives",
     "fidelity_study",
+    "follow_motors",
     "forward_dynamics",
     "forward_kinematics",
+    "forward_kinematics_stack",
     "inverse_dynamics",
     "largest_load",
     "load_plan",

@@ -1,0 +1,46 @@
+"""Names of a package, imported when they are first used; its `__init__.pyi` says where each stands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+
+def lazy_names(
+    package: str, file: str, modules: tuple[str, ...] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return `__getattr__` and `__dir__` of a package, whose `__init__.py` is `file`.
+
+    Args:
+        modules: those of the package that share their names with public functions. Python sets a module as
+            an attribute of its package when it is imported; these are not set, so that the functions stay.
+    """
+
+    @cache
+    def homes() -> dict[str, str]:
+        import ast  # takes longer to import than a package without it
+
+        tree = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
+        imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+        return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+    def get_name(name: str) -> Any:
+        if name == "__all__":
+            return sorted(homes())
+        if name.startswith("_") or name not in homes():
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(homes()[name]), name)
+
+    class Package(ModuleType):
+        def __setattr__(self, name: str, value: object) -> None:
+            if name not in modules or not isinstance(value, ModuleType):
+                super().__setattr__(name, value)
+
+    if modules:
+        sys.modules[package].__class__ = Package
+    return get_name, lambda: sorted(homes())

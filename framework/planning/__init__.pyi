@@ -1,0 +1,47 @@
+from framework.planning.condition import Condition8
+from framework.planning.feasibility import (
+    Feasibility,
+    OptimalDurations,
+    feasibility_at,
+    feasibility_on_path,
+    optimal_durations,
+)
+from framework.planning.motion_table import Column, MotionTable
+from framework.planning.neglected_effects import NeglectedEffect
+from framework.planning.optimal.peak_bound import PeakBound, bound_plan
+from framework.planning.options import PlanOptions
+from framework.planning.plan import plan_crossing, plan_request, uncertified_law
+from framework.planning.plan_study import PlanStudy
+from framework.planning.request import Request
+from framework.planning.result import Crossing, CrossingPlan, Optimality
+from framework.planning.saved import load_plan, save_plan
+from framework.planning.scenes import plan_scene, scene, scene_path, scene_request
+
+__all__ = [
+    "Column",
+    "Condition8",
+    "Crossing",
+    "CrossingPlan",
+    "Feasibility",
+    "MotionTable",
+    "NeglectedEffect",
+    "OptimalDurations",
+    "Optimality",
+    "PeakBound",
+    "PlanOptions",
+    "PlanStudy",
+    "Request",
+    "bound_plan",
+    "feasibility_at",
+    "feasibility_on_path",
+    "load_plan",
+    "optimal_durations",
+    "plan_crossing",
+    "plan_request",
+    "plan_scene",
+    "save_plan",
+    "scene",
+    "scene_path",
+    "scene_request",
+    "uncertified_law",
+]

@@ -1,0 +1,91 @@
+"""Motions to record: their limits, their torques by another computation, and what their recordings show."""
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, NoAnswer, ParallelRobot, dynamics_at
+from framework.cli import main
+from framework.identification import Sensors, excite, identify
+from framework.identification.base_parameters import (
+    collect_link_parameters,
+    torque_parameters,
+    with_masses_and_motors,
+)
+from framework.kinematics.linearised_loops import clearance, linearised_at, linearised_at_reference
+
+SENSORS = Sensors(rate=250.0)
+ROBOT = robots.load("five_bar_heavy")
+LIMITS = {"torque_limit": 0.05, "speed_limit": 40.0, "acceleration": 6.0}
+FOUND = excite(ROBOT, duration=4.0, only=["payload"], sensors=SENSORS, trials=60, **LIMITS)
+
+
+def test_the_motion_keeps_its_limits_and_rests_at_its_ends():
+    motion = FOUND.motion
+    t = motion.times
+    assert t[-1] == 4.0
+    acceleration = np.gradient(np.gradient(motion.x, t, axis=0), t, axis=0)[2:-2]
+    size = np.linalg.norm(acceleration, axis=1).max()
+    used = [np.abs(motion.torque).max() / 0.05, np.abs(motion.speed).max() / 40.0, size / 6.0]
+    assert max(used) <= 1.0 + 1e-3  # differences of 4 ms are off by less
+    nearest = clearance(ROBOT, linearised_at(ROBOT, motion.q)).min()
+    assert nearest >= 0.3 * clearance(ROBOT, linearised_at_reference(ROBOT))[0]
+    assert np.abs(motion.speed[[0, -1]]).max() < 1e-9
+
+
+def test_its_torques_are_those_of_its_motion():
+    """Rates by differences of the poses of the platform, torques by `dynamics_at`."""
+    motion = FOUND.motion
+    k = np.arange(40, 900, 97)
+    h = motion.times[1]
+    ahead, here, back = (motion.x[k + i] for i in (1, 0, -1))
+    instant = dynamics_at(
+        ROBOT, motion.q[k], dx=(ahead - back) / (2 * h), ddx=(ahead - 2 * here + back) / h**2
+    )
+    np.testing.assert_allclose(instant.torque, motion.torque[k], atol=2e-3 * np.abs(motion.torque).max())
+    assert FOUND.tracking_error < 1e-6
+
+
+def test_a_heavier_payload_is_found_to_a_percent():
+    links = collect_link_parameters(ROBOT, torque_parameters(ROBOT))
+    values = links.values.copy()
+    part = links.link_slices[links.links.index("left_tip")]
+    values[part] *= 1.1
+    real = ParallelRobot.from_description(with_masses_and_motors(ROBOT, links, values))
+    found = identify(ROBOT, FOUND.record(real, SENSORS), only=["payload"])
+    (mass,) = (quantity for quantity in found.quantities if quantity.determined)
+    assert mass.value == pytest.approx(values[part][0], rel=0.01)
+    assert mass.value == pytest.approx(values[part][0], abs=4.0 * mass.deviation)
+    # the motion was said to show it as well as it does
+    (promised,) = FOUND.shown
+    assert mass.deviation == pytest.approx(promised.deviation, rel=0.3)
+
+
+def test_a_search_finds_better_motions_than_its_first():
+    found = excite(robots.load("three_rrr"), duration=2.0, sensors=Sensors(rate=100.0), trials=40)
+    assert found.improvement > 1.5
+
+
+def test_what_no_motion_can_keep_is_said():
+    with pytest.raises(NoAnswer, match="however small, a motor exceeds its torque limit"):
+        excite(ROBOT, duration=2.0, torque_limit=1e-9, sensors=SENSORS)
+    with pytest.raises(InvalidInput, match="unknown parameter of --only 'lift'"):
+        excite(ROBOT, only=["lift"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slider_crank", "gough_stewart", "delta"])
+def test_robots_of_all_kinds_have_motions(name):
+    found = excite(robots.load(name), duration=3.0, only=["payload"], sensors=Sensors(rate=200.0), trials=30)
+    assert found.tracking_error < 1e-6
+    assert found.shown
+
+
+def test_the_command_writes_the_motion(tmp_path, capsys):
+    file = tmp_path / "motion.csv"
+    words = ["excite", "five_bar_heavy", "--duration", "2", "--only", "payload", "--torque-limit", "0.05"]
+    assert main([*words, "--sensors", "rate=100", "--out", str(file)]) == 0
+    report = capsys.readouterr().out
+    assert "left_tip.mass" in report
+    assert "forward simulation" in report
+    assert file.read_text().startswith("time,motor_angle_left_motor")
