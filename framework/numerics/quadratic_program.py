@@ -27,18 +27,25 @@ class QuadraticProgram(NamedTuple):
     h: Array  # (m,)
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of rows that contradict each other
 def solve_quadratic_program(
     program: QuadraticProgram,
     *,
     tolerance: float = 1e-7,  # of rows, and of gap and gradient over the cost's
-    max_steps: int = 60,
+    stalled_tolerance: float = 1e-5,  # of the best iterate, where rounding hides the gradient
+    max_steps: int = 40,
     kept_share: float = 0.99,  # of the step at which a slack or a multiplier vanishes
 ) -> Array | None:
-    """Compute the x (n,) of least cost; None if the method does not converge, as without a solution."""
+    """Compute the x (n,) of least cost; None if the method does not converge, as without a solution.
+
+    Multipliers of active rows grow without bound beside their slacks: past the accuracy that rounding allows,
+    errors grow again, and the best iterate counts.
+    """
     check_time()
     P, c, A, b, G, h = program
     n, k = len(c), len(b)
     x, y, s, z = np.zeros(n), np.zeros(k), np.maximum(h, 1.0), np.ones(len(h))
+    best, least_error = x, np.inf
     for _ in range(max_steps):
         # residuals, which vanish at the solution, and the duality gap s'z
         gradient = P @ x + c + G.T @ z + A.T @ y  # (n,)
@@ -52,8 +59,11 @@ def solve_quadratic_program(
             np.abs(gradient).max() / (1.0 + np.abs(c).max()),
             gap / (1.0 + abs(cost)),
         )
-        if max(errors) <= tolerance:
-            return x
+        error = float(np.max(errors))  # not a number after an overflow, and then not the least
+        if error < least_error:
+            best, least_error = x, error
+        if least_error <= tolerance or not gap > np.finfo(float).eps:
+            break
         # with ds = -excess - G dx and s dz + z ds = target - s z
         weight = z / s  # (m,)
         system = np.block([[P + (G.T * weight) @ G, A.T], [A, np.zeros((k, k))]])
@@ -69,15 +79,13 @@ def solve_quadratic_program(
             try:
                 step = np.linalg.solve(system, right)
             except np.linalg.LinAlgError:
-                return None
+                return best if least_error <= stalled_tolerance else None
             ds = -excess - G @ step[:n]
             dz = dz_at_s - weight * ds
         share = min(1.0, kept_share * min(_longest(s, ds), _longest(z, dz)))
         x, y = x + share * step[:n], y + share * step[n:]
         s, z = s + share * ds, z + share * dz
-        if not np.isfinite(x).all():
-            return None
-    return None
+    return best if least_error <= stalled_tolerance else None
 
 
 def _longest(values: Array, changes: Array) -> float:

@@ -56,9 +56,10 @@ from framework.tolerances import MAX_SOFTENING, MAX_UNRESOLVED_MISFIT, REQUIRED_
 
 START_SHARES = (1e-2, 0.1, 0.5, 3.0)  # of the least cost, that the smoothness of a first law may take
 # of a first law: rates of springs at the ends over what is allowed, and torques over their limits
-MAX_START_REST, MAX_START_LIMIT = 3.0, 1.5
+MAX_START_REST, MAX_START_LIMIT = 3.0, 3.0
 LOOSE, LOOSE_OF_INERTIA = Accuracy(1e-8, 400), Accuracy(1e-10, 400)
-SMOOTHNESS, SMOOTHNESS_OF_INERTIA = 1e-4, 6e-4
+# weights of smoothness, also of springs with inertia; the factor with which these begin
+SMOOTHNESS, SMOOTHNESS_OF_INERTIA, CONTINUATION = 1e-4, 6e-4, 4.0
 MAX_STEPS = (16, 8, 8, 8, 8)  # programs of each round
 MIN_GAIN = 1e-3  # of the merit, by a program, or by three
 FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.3, 0.9, 5e-3  # share of z by which it may fall in a program
@@ -100,6 +101,9 @@ def find_elastic_motion(task: Task, points: Sequence[SingularPoint]) -> OptimalM
         task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         accuracy, weights = LOOSE_OF_INERTIA, Weights(SMOOTHNESS_OF_INERTIA)
     search, iterate = _find_start(task, points, accuracy)
+    if accuracy is LOOSE_OF_INERTIA:  # continuation in smoothness: sharp laws shake springs at the ends
+        smoother = weights._replace(smoothness=CONTINUATION * weights.smoothness)
+        iterate = _improve(search, iterate, smoother, MAX_STEPS[0])
     for steps in MAX_STEPS:
         iterate = _improve(search, iterate, weights, steps)
         try:
