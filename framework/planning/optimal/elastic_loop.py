@@ -61,7 +61,7 @@ LOOSE, LOOSE_OF_INERTIA = Accuracy(1e-8, 400), Accuracy(1e-10, 400)
 # weights of smoothness, also of springs with inertia; the factor with which these begin
 SMOOTHNESS, SMOOTHNESS_OF_INERTIA, CONTINUATION = 1e-4, 6e-4, 4.0
 MAX_STEPS = (16, 8, 8, 8, 8)  # programs of each round
-MIN_GAIN = 1e-3  # of the merit, by a program, or by three
+MIN_GAIN, FIRST_GAIN = 1e-3, 1e-2  # of the merit, worth a program, also where smoothness is continued
 FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.3, 0.9, 5e-3  # share of z by which it may fall in a program
 MAX_WATCHED = 3  # laws in turn that worsen the merit
 WATCHED_EXCESS = 0.15  # of limits, by the first of these laws
@@ -103,7 +103,7 @@ def find_elastic_motion(task: Task, points: Sequence[SingularPoint]) -> OptimalM
     search, iterate = _find_start(task, points, accuracy)
     if accuracy is LOOSE_OF_INERTIA:  # continuation in smoothness: sharp laws shake springs at the ends
         smoother = weights._replace(smoothness=CONTINUATION * weights.smoothness)
-        iterate = _improve(search, iterate, smoother, MAX_STEPS[0])
+        iterate = _improve(search, iterate, smoother, MAX_STEPS[0], FIRST_GAIN)
     for steps in MAX_STEPS:
         iterate = _improve(search, iterate, weights, steps)
         try:
@@ -192,8 +192,14 @@ def _balance(search: _Search, y: Array, previous: KnownDeflections | None) -> It
         return NotConverged(f"{task.robot.name}: {reason}", residual=np.inf)
 
 
-def _improve(search: _Search, start: Iterate, weights: Weights, steps: int) -> Iterate:
-    """Find a law of less merit by some steps of programs in a trust region."""
+def _improve(
+    search: _Search, start: Iterate, weights: Weights, steps: int, min_gain: float = MIN_GAIN
+) -> Iterate:
+    """Find a law of less merit by some steps of programs in a trust region.
+
+    Args:
+        min_gain: of the merit, by a program, or by three.
+    """
     best = current = start
     trust, failed, watched = FIRST_TRUST, np.inf, 0
     gains = list[float]()
@@ -211,8 +217,8 @@ def _improve(search: _Search, start: Iterate, weights: Weights, steps: int) -> I
                 continue
             step = min(proposal.step, trust)
             promise = best_merit - proposal.costs.merit(weights)
-            has_stalled = len(gains) >= 3 and sum(gains[-3:]) < MIN_GAIN
-            if best.costs.keeps_limits(weights) and (promise < MIN_GAIN or has_stalled):
+            has_stalled = len(gains) >= 3 and sum(gains[-3:]) < min_gain
+            if best.costs.keeps_limits(weights) and (promise < min_gain or has_stalled):
                 if current is best:
                     break
                 current, watched, failed, trust = best, 0, step, 0.4 * step
