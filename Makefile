@@ -27,15 +27,13 @@ PROCESSES := tests/numerics/test_interruption.py tests/numerics/test_workers.py
 SOME_TESTS := $(filter-out $(PROCESSES), $(wildcard tests/numerics/test_*.py)) tests/laws \
   tests/singularity/test_traced_locus.py tests/robots/test_every_robot.py tests/show/test_plots.py \
   tests/planning/test_durations.py tests/test_cli_pose.py tests/test_cli_simulate.py
-# the API reference: the package and the modules that its docstring names
-API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 
-.PHONY: help demo test lowest pythons slow mutants witness test-browser bench chart lint format docs notebooks clean
+.PHONY: help demo test lowest pythons slow mutants witness test-browser bench chart lint format docs release-check notebooks clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(VENV)/.wheel  ## install, then plan the crossing of the paper's 5R robot with flexible links
 	$(BIN)/crossing plan five_bar --scene C --flexibility flexible_links --out $(DEMO)
@@ -78,8 +76,11 @@ format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-docs: $(VENV)/.dev  ## write the API reference from the docstrings to build/docs
-	$(BIN)/python -W error -W 'ignore:Error parsing type annotation' -m pdoc $(API) --docformat google --math --output-directory build/docs
+docs: $(VENV)/.docs  ## build the site to build/docs/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+release-check:  ## build wheel and sdist, check them, and run the demo from the wheel in an empty environment
+	.ci/release_check
 
 notebooks: $(VENV)/.notebooks  ## execute the notebooks, and compare what they print with what is stored
 	printf '%s\n' $(NOTEBOOKS) | xargs -n 1 -P 2 $(BIN)/python -m tests.notebook_outputs
@@ -95,7 +96,7 @@ $(VENV)/.created:
 	@touch $@
 
 $(VENV)/.wheel: $(VENV)/.created $(METADATA) $(SOURCES)
-	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.notebooks $(VENV)/.witness $(VENV)/.browser
+	@rm -f $(VENV)/.test $(VENV)/.dev $(VENV)/.docs $(VENV)/.notebooks $(VENV)/.witness $(VENV)/.browser
 	@echo "Installing into $(VENV). The first time pip fetches some 50 packages, 175 MB (pinocchio, scipy, matplotlib and"
 	@echo "what they need), without a word: a minute or two. Afterwards this takes seconds."
 	$(INSTALL) --quiet .
@@ -116,6 +117,11 @@ $(VENV)/.dev: $(VENV)/.created $(METADATA)
 	@rm -f $(VENV)/.wheel
 	$(INSTALL) --editable '.[dev]'
 	@touch $(VENV)/.test $@
+
+$(VENV)/.docs: $(VENV)/.created $(METADATA)
+	@rm -f $(VENV)/.wheel
+	$(INSTALL) --editable '.[docs]'
+	@touch $@
 
 # crocoddyl without its dependencies: of these only pinocchio is used, and it asks for an older one.
 $(VENV)/.notebooks: $(VENV)/.dev

@@ -6,7 +6,7 @@ A robot, a path, and where the joints are:
 
 * `load_robot`: a `ParallelRobot`, by its name in the catalogue or by its file; `check_robot`: what a file
   describes, also a `Mechanism` whose loops do not close;
-* `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform;
+* `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform; `JointPath`: one given in joints;
 * `assemble`, `forward_kinematics`, `track_path`: the joints of a pose, and along a path;
   `forward_kinematics_stack`, `follow_motors`: of many motor angles at once, and as encoder samples come;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e.
@@ -20,6 +20,7 @@ Plans:
 
 * `plan_crossing`, `plan_scene`: a motion law that passes, its torques and their proof; `load_plan`: a saved
   plan;
+* `chain_plans`: plans one after the other as one motion, such as a plan and one that begins on its way;
 * `simulate`: where torques bring the robot, a `Simulation`;
 * `plan_study`: one motion planned for many values of a robot's parameters;
 * `fidelity_study`: the least model that is enough for a motion, a `FidelityStudy`;

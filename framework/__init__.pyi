@@ -44,6 +44,8 @@ from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.laws.curves import Arc, Polyline, Spline
 from framework.laws.law import Condition, Law
 from framework.laws.path import Line
+from framework.planning.chain import chain_plans
+from framework.planning.joint_path import JointPath
 from framework.planning.plan import plan_crossing
 from framework.planning.plan_study import plan_study
 from framework.planning.result import CrossingPlan
@@ -64,6 +66,7 @@ __all__ = [
     "FrameworkError",
     "InvalidInput",
     "InverseDynamics",
+    "JointPath",
     "Law",
     "LimitsExceeded",
     "Line",
@@ -94,6 +97,7 @@ __all__ = [
     "UnboundedTorque",
     "UncontrolledMotions",
     "assemble",
+    "chain_plans",
     "check_robot",
     "classify",
     "dynamics_at",

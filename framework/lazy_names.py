@@ -44,3 +44,18 @@ def lazy_names(
     if modules:
         sys.modules[package].__class__ = Package
     return get_name, lambda: sorted(homes())
+
+
+def notebook_picture(function: str) -> Callable[..., tuple[dict[str, Any], dict[str, Any]]]:
+    """Return the method `_repr_mimebundle_` of a class whose objects `framework.show` draws by a function.
+
+    The packages that define robots, plans and maps import no drawing; a notebook asks for it.
+    """
+
+    def bundle(
+        self: Any, include: object = None, exclude: object = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        picture, metadata = getattr(import_module("framework.show"), function)(self)
+        return {"text/plain": repr(self), "image/png": picture}, {"image/png": metadata}
+
+    return bundle

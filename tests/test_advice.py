@@ -169,7 +169,13 @@ def test_what_was_tried_is_not_advised(capsys, monkeypatch):
 def test_an_example_is_advised_where_it_runs_in_any_folder(capsys):
     shown = {name: run(capsys, f"{name} --nonsense")[2].partition("try: crossing ")[2] for name in COMMANDS}
     needing_files = {name for name, example in shown.items() if not example}
-    assert needing_files == {"calibrate", "identify", "report", "robots"}  # robots lacks nothing
+    assert needing_files == {
+        "calibrate",
+        "completion",
+        "identify",
+        "report",
+        "robots",
+    }  # robots lacks nothing
 
 
 def test_an_end_on_the_locus_has_no_remedy():
@@ -299,3 +305,13 @@ def test_all_modes_are_not_advised_where_none_has_a_pose(capsys, motors):
     assert (code, out) == (1, "")
     assert "try:" not in err
     assert "0 real" in run(capsys, f"pose five_bar --motors {motors} --all")[1]
+
+
+@pytest.mark.parametrize(("duration", "time", "has_remedy"), [(0.3, 0.2, True), (0.12, 0.08, False)])
+def test_the_undeformed_geometry_is_advised_only_where_it_has_a_plan(capsys, duration, time, has_remedy):
+    """Springs too soft for a quick motion: the undeformed robot may be refused, too."""
+    line = f"plan five_bar --scene C --flexibility flexible_links --law polynomial --times {time}"
+    code, _, err = run(capsys, f"{line} --duration {duration}")
+    assert code == 1
+    assert ("--geometry rigid" in err) is has_remedy
+    assert run(capsys, f"{line} --duration {duration} --geometry rigid")[0] == (0 if has_remedy else 1)

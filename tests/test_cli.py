@@ -705,7 +705,7 @@ def test_parameters_may_stand_before_the_robot():
 
 
 def test_unknown_columns_are_refused_before_planning(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("framework.cli.plan.plan_request", None)
+    monkeypatch.setattr("framework.cli.plan.plan_or_advise", None)
     words = ["plan", "five_bar", "--scene", "C", "--columns", "tim", "--out", str(tmp_path / "plan")]
     assert main(words) == 2
     assert "unknown column 'tim'; did you mean 'time'?" in capsys.readouterr().err

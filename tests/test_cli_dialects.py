@@ -1,9 +1,12 @@
 """`crossing check` and `crossing convert` on files of foreign dialects."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
+
+from framework.model import read_robot_file
 
 DATA = Path(__file__).parent / "data" / "dialects"
 PLUS = str(DATA / "five_bar_plus.urdf")
@@ -67,3 +70,60 @@ def test_export_says_where_a_simulation_starts(crossing, tmp_path):
     code, out, _ = crossing("export", "five_bar", "--to", "mjcf", "--out", str(file))
     assert code == 0
     assert all("start from the keyframe `reference`" in text for text in (out, file.read_text()))
+
+
+INERTIA = '<inertial pos="0.05 0 0" mass="0.2" diaginertia="1e-4 1e-4 1e-4"/>'
+CRANK_ROCKER = f"""<mujoco model="bars"><compiler angle="radian"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 1 0"/>{INERTIA}
+<body name="coupler" pos="0.1 0 0"><joint name="coupler" axis="0 1 0"/>{INERTIA}
+<site name="end" pos="0.22 0 0"/></body></body>
+<body name="rocker" pos="0.25 0 0"><joint name="rocker" axis="0 1 0"/>{INERTIA}
+<site name="pin" pos="0.2 0 0"/></body></worldbody>
+<equality><connect site1="end" site2="pin"/></equality>
+<actuator><motor joint="crank"/></actuator>KEY</mujoco>"""
+
+
+def rocker_at(angle, sign):
+    """Angle of the rocker for one of the crank: circles of 0.22 about its end and 0.2 about the pivot."""
+    x, z = 0.1 * math.cos(angle) - 0.25, -0.1 * math.sin(angle)
+    length = math.hypot(x, z)
+    between = math.acos((length**2 + 0.2**2 - 0.22**2) / (2 * 0.2 * length))
+    return math.remainder(-(math.atan2(z, x) + sign * between), math.tau)
+
+
+def test_a_reference_that_convert_chooses_is_away_from_singularities_and_the_other_mode_is_told(
+    crossing, tmp_path
+):
+    """The rocker turns between +-acos of the stretched bars, 1.572 rad, where it is at Type 1."""
+    file = tmp_path / "bars.xml"
+    file.write_text(CRANK_ROCKER.replace("KEY", ""))
+    code, out, _ = crossing("convert", str(file), "--out", str(tmp_path / "out"), "--json")
+    remarks = json.loads(out)["remarks"]
+    assert (code, any("from a Type 1 singularity" in remark for remark in remarks)) == (0, True)
+    reference = read_robot_file(tmp_path / "out" / "bars.yaml").reference
+    limit = math.acos((0.25**2 + 0.2**2 - 0.32**2) / (2 * 0.25 * 0.2))  # between rocker and ground
+    assert abs(reference["rocker"]) > math.pi - limit + 0.05
+    (mode,) = [remark for remark in remarks if remark.startswith("mode:")]
+    words = mode.split(", with ")[1].split()
+    code, out, _ = crossing("convert", str(file), *words, "--out", str(tmp_path / "other"), "--json")
+    other = read_robot_file(tmp_path / "other" / "bars.yaml").reference
+    assert other["crank"] == pytest.approx(reference["crank"], abs=1e-5)
+    expected = sorted(rocker_at(reference["crank"], sign) % math.tau for sign in (1, -1))
+    assert sorted(each["rocker"] % math.tau for each in (reference, other)) == pytest.approx(
+        expected, abs=1e-4
+    )
+
+
+def test_a_reference_that_the_file_states_stays_beside_a_singularity_and_the_remedy_leads_away(
+    crossing, tmp_path
+):
+    file = tmp_path / "bars.xml"
+    file.write_text(CRANK_ROCKER.replace("KEY", '<keyframe><key qpos="-0.57 -0.15 -1.5767"/></keyframe>'))
+    _, out, _ = crossing("convert", str(file), "--out", str(tmp_path / "out"), "--json")
+    assert read_robot_file(tmp_path / "out" / "bars.yaml").reference["rocker"] == pytest.approx(
+        -1.577, abs=1e-3
+    )
+    (remark,) = [remark for remark in json.loads(out)["remarks"] if "farther is" in remark]
+    words = remark.split("farther is ")[1].split()
+    _, out, _ = crossing("convert", str(file), *words, "--out", str(tmp_path / "far"), "--json")
+    assert not any("singularity" in remark for remark in json.loads(out)["remarks"])

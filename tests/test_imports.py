@@ -50,6 +50,7 @@ FACES = [name for name in FRAMEWORK if name.split(".")[1] in ("show", "cli")]
 QUESTIONS = {
     "framework.proofs.assembly_modes": {"assembly_modes"},
     "framework.proofs.working_modes": {"working_modes"},
+    "framework.proofs.converted_reference": None,
     "framework.kinematics.diagnostics.diagnosis": None,
     "framework.kinematics.diagnostics.mistaken_units": None,
     "framework.kinematics.diagnostics.proposal": None,

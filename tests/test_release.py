@@ -35,5 +35,26 @@ def test_a_release_has_each_heading_once_and_short_lines() -> None:
         headings = re.findall(r"^### (.+)$", release, re.MULTILINE)
         assert headings
         assert len(headings) == len(set(headings)), release[:20]
-        assert set(headings) <= {"Added", "Changed", "Fixed", "Removed"}
+        assert set(headings) <= {"Added", "Changed", "Deprecated", "Fixed", "Removed"}
         assert max(map(len, release.splitlines())) <= 120
+
+
+def test_actions_are_pinned_by_commit_and_keep_no_credentials() -> None:
+    for file in sorted((ROOT / ".github" / "workflows").glob("*.yml")):
+        for job in yaml.safe_load(file.read_text(encoding="utf-8"))["jobs"].values():
+            for step in job["steps"]:
+                action, _, commit = step.get("uses", "").partition("@")
+                assert not action or re.fullmatch("[0-9a-f]{40}", commit), step
+                assert action != "actions/checkout" or step["with"]["persist-credentials"] is False
+
+
+def test_texts_install_extras_from_a_clone() -> None:
+    """The package is on no index yet, so that its name alone installs nothing."""
+    texts = [
+        *ROOT.glob("*.md"),
+        *ROOT.glob("*/*.md"),
+        *ROOT.glob("docs/**/*.md"),
+        *ROOT.glob("framework/**/*.py"),
+    ]
+    for file in texts:
+        assert "pip install 'parallel-singularity-crossing[" not in file.read_text(encoding="utf-8"), file

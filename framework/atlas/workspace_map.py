@@ -47,6 +47,7 @@ from framework.kinematics.linearised_loops import linearised_at, linearised_at_r
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
+from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
@@ -77,6 +78,8 @@ class WorkspaceMap(ReadOnlyArrays):
     load: ReasonArray | None  # (I, J) `LoadReason` of reached poses; None without loaded quantities
     seconds: float
     reason_words: tuple[str, ...] = tuple(REASON_WORDS.values())  # those of `sweep.PoseReason` first
+
+    _repr_mimebundle_ = notebook_picture("map_picture")
 
     @property
     def reached(self) -> BoolArray:

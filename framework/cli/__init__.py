@@ -19,6 +19,7 @@ Commands
     robustness          `robustness`, and `robustness STUDY --replay K`
     identification      `excite`, `calibrate`, `identify`: motions to record, geometry, parameters of torques
     show, export        `show`, `report`: pages of motions and plans; files for other programs
+    completion          what completes command lines in a shell
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input
 (`check`: A is not square, so that no other command takes the robot), 70 a fault of this program, 130 ended by

@@ -33,7 +33,7 @@ from framework.planning.motion_table import (
     select_columns,
 )
 from framework.planning.options import TYPED
-from framework.planning.plan import plan_request
+from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import is_plan_folder, load_plan
@@ -245,7 +245,7 @@ def load_or_plan(options: Namespace) -> CrossingPlan:
         return saved
     robot = load(options)
     check_columns(options, robot)
-    return plan_request(robot, request(options, robot))
+    return plan_or_advise(robot, request(options, robot))
 
 
 def check_columns(options: Namespace, robot: ParallelRobot) -> None:

@@ -47,6 +47,9 @@ COMMANDS = {
             "crossing convert my/five_bar.urdf --close left_tip right_tip revolute --out 5r",
         ),
         "robots",
+        "NAME_description and NAME_mj_description are robots of the package robot_descriptions, if it is "
+        "installed: crossing convert cassie_mj_description --base left-hip-pitch --lock left-shin "
+        "left-heel-spring --out leg.",
         required=("ROBOT", "--out DIR"),
     ),
     "locate": Command(
@@ -172,6 +175,14 @@ COMMANDS = {
         "friction alone and another payload do. What the data do not show stays as near to the robot file as "
         "bodies that can exist allow; --all names the combinations that torques depend on (base parameters).",
         required=("ROBOT", "DATA"),
+    ),
+    "completion": Command(
+        "print what completes commands, options and files in a shell",
+        ("crossing completion bash", "crossing completion fish"),
+        "completion",
+        'bash: eval "$(crossing completion bash)" in ~/.bashrc; zsh: write the output to a file '
+        "_crossing in a folder of $fpath; fish: write it to ~/.config/fish/completions/crossing.fish.",
+        required=("SHELL",),
     ),
 }
 VALUE_COUNTS = {None: 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # largest number of values by `nargs`
@@ -346,10 +357,10 @@ def _check_first(arguments: Sequence[str]) -> None:
         raise Misuse(f"{first}: options stand behind the command", instead)
 
 
-def parser_of(arguments: Sequence[str]) -> OneLineParser:
+def parser_of(arguments: Sequence[str], *, whole: bool = False) -> OneLineParser:
     """Return the parser of the command that the arguments begin with, or of all commands.
 
-    Only the module of this command is imported.
+    Only the module of this command is imported; of a `whole` parser, those of all, with their options.
     """
     parser = OneLineParser(
         prog="crossing",
@@ -369,8 +380,9 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
         title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
     )
     name = arguments[0] if arguments else ""
-    if name in COMMANDS:
-        _add_command(commands, name)
+    if name in COMMANDS or whole:
+        for each in COMMANDS if whole else [name]:
+            _add_command(commands, each)
         return parser
     _check_first(arguments)
     for name, command in COMMANDS.items():

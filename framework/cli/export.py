@@ -72,7 +72,7 @@ def add_export_options(parser: OneLineParser) -> None:
         "--out",
         metavar="FILE",
         required=True,
-        help="NAME.xml, for ros2_control NAME.yaml or NAME.json, NAME.csv, for a lesson NAME.html",
+        help="NAME.xml, for ros2_control NAME.yaml or .json, NAME.csv, for a lesson NAME.html; - is stdout",
     )
     add_overwrite(parser)
     parser.add_argument(
@@ -99,9 +99,12 @@ def add_export_options(parser: OneLineParser) -> None:
 
 def run_export(options: Namespace) -> Report:
     """Write the complete file, and what stands beside it, or none."""
-    file = FilePath(options.out)
+    to_stdout = options.out == "-"
+    file = FilePath(f"stdout{SUFFIXES[options.program][0]}" if to_stdout else options.out)
     _check_options(options, file)
     robot, texts, lines = WRITERS[options.program](options, file)
+    if to_stdout:
+        return {"robot": robot.name, "format": options.program, "text": texts[file]}, [texts[file].rstrip()]
     write_files(texts, option="--out", overwrite=options.overwrite)
     document = {
         "robot": robot.name,

@@ -34,7 +34,7 @@ def add_calibrate_options(parser: OneLineParser) -> None:
     parser.add_argument(
         "data",
         metavar="DATA",
-        help="CSV with motor_angle_JOINT and some of platform_AXIS, joint_NAME; a row a pose",
+        help="CSV with motor_angle_JOINT and some of platform_AXIS, joint_NAME, distance_NAME, touch_AXIS",
     )
     group = parser.topic("data and file")
     _add_conversions(group)
@@ -42,7 +42,8 @@ def add_calibrate_options(parser: OneLineParser) -> None:
         "--joints",
         nargs="+",
         metavar="JOINT",
-        help="whose origins are calibrated, and closures whose lengths are (default: all that matter)",
+        help="whose origins are calibrated, and closures whose lengths are (default: all that matter); or "
+        "parameters of the robot file alone",
     )
     group.add_argument(
         "--noise",

@@ -21,7 +21,7 @@ from framework.cli.parser import (
 )
 from framework.errors import NoAnswer, OutOfReach, Type1Singularity
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.path import Beginning, Line, Path
+from framework.laws.path import Line, Part, Path
 from framework.numerics.output import Document, select_fields
 from framework.planning.feasibility import feasibility_at, optimal_durations
 from framework.planning.plan_facts import twist_text
@@ -96,7 +96,7 @@ def _report_beginning(
         OutOfReach, Type1Singularity: `end`, without such points.
     """
     share = BEFORE_END * end.s
-    points = search_path(robot, Beginning(path, share)).points if share > 0.0 else ()
+    points = search_path(robot, Part(path, 0.0, share)).points if share > 0.0 else ()
     if not points:
         raise end
     options.refusal = end

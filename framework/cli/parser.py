@@ -53,6 +53,8 @@ def not_empty(text: str) -> str:
     """Check the name of a file or folder; an argparse type."""
     if not text:
         raise argparse.ArgumentTypeError("needs a name, got an empty text")
+    if text == "-":
+        raise argparse.ArgumentTypeError("needs a name, got '-', which only `crossing export` takes")
     return text
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -23,13 +24,16 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NoAnswer, check_choice
+from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
+from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
+from framework.planning.joint_path import JointPath, choose_joint_path, in_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
@@ -37,13 +41,15 @@ from framework.planning.plan import (
     NEARLY_STOPS,
     law_before_proof,
     max_torque_ratio,
-    plan_request,
 )
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
+from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
+from framework.proofs.working_modes import working_modes
 from framework.singularity.points_on_path import search_path
+from framework.tolerances import SAME_PLACE
 
 if TYPE_CHECKING:
     from framework.fidelity.predicted_level import ChosenLevel
@@ -64,6 +70,20 @@ def add_plan_options(parser: OneLineParser) -> None:
     """Add the arguments of `crossing plan`."""
     add_robot(parser)
     add_path(parser)
+    group = parser.topic(MOTION)
+    group.add_argument(
+        "--in",
+        dest="in_joints",
+        nargs="+",
+        metavar="JOINT",
+        help="joints without motors, in whose positions --from, --via and --to are [rad, m]",
+    )
+    group.add_argument(
+        "--to-mode",
+        nargs="+",
+        metavar="MOTOR",
+        help="reach --to in another working mode, with the legs of these motors flipped, on a line in joints",
+    )
     add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
     add_motion(parser)
     add_options(parser, "keep_limits")
@@ -93,8 +113,7 @@ def add_plan_options(parser: OneLineParser) -> None:
 def run_plan(options: Namespace) -> Report:
     """Plan; with --out write plan.json, motion.csv and figures, all or none."""
     level = arguments.take_level(options)
-    robot = arguments.load(options)
-    request = arguments.request(options, robot)
+    robot, request = _request(options, arguments.load(options))
     options.warnings += remarks_on_bodies(robot)
     _check_options(options, level)
     arguments.check_columns(options, robot)
@@ -114,9 +133,59 @@ def run_plan(options: Namespace) -> Report:
     return document, plan_lines(plan) + lines
 
 
+def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, Request]:
+    """Return the robot and the request, in the joints of --in or of the path to --to-mode, if any."""
+    if options.in_joints is None and options.to_mode is None:
+        return robot, arguments.request(options, robot)
+    if options.scene is not None or (options.in_joints is not None and options.to_mode is not None):
+        raise InvalidInput("--in, --to-mode: give one of them, with --from and --to, and no --scene")
+    typed = arguments.motion_options(options, robot)  # with wrenches along the axes of the platform
+    if options.in_joints is not None:
+        selected = in_joints(robot, options.in_joints)
+        return selected, Request.of(selected, arguments.path(options, selected), **typed)
+    line = arguments.path(options, robot)
+    to_joints = _find_path_to_mode(robot, line(0.0), line(1.0), options.to_mode)
+    selected = in_joints(robot, to_joints.joints)
+    return selected, Request.of(selected, to_joints.path, **typed)
+
+
+def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: Sequence[str]) -> JointPath:
+    """Find a path in joints from platform coordinates start to goal (n,), with the legs of motors flipped.
+
+    At the goal the other motors have the same positions as without the flip.
+
+    Raises:
+        InvalidInput: an unknown motor, or no pose with these legs flipped.
+        NoAnswer: no line in joints leads there.
+    """
+    for motor in motors:
+        check_choice("--to-mode", motor, robot.actuator_names)
+    poses = [assemble(robot, x).q for x in (start, goal)]
+    is_flipped = np.isin(robot.actuator_names, motors)
+    (unflipped,) = robot.actuated_coordinates(poses[1][None])
+    modes = [
+        mode
+        for mode in working_modes(robot, goal).modes
+        if np.array_equal(np.abs(mode.motors - unflipped) > SAME_PLACE * robot.length, is_flipped)
+    ]
+    if not modes:
+        raise InvalidInput(
+            f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
+            f"{robot.name} --platform X.. --all` lists all"
+        )
+    for mode in modes[:-1]:
+        with suppress(NoAnswer):
+            return choose_joint_path(robot, poses[0], mode.q)
+    return choose_joint_path(robot, poses[0], modes[-1].q)
+
+
 def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
     """Refuse options that contradict each other."""
     asks_for_rows = options.rate is not None or options.columns is not None
+    if level is not None and (options.in_joints or options.to_mode):
+        raise InvalidInput("--in, --to-mode: need a --flexibility other than auto").advising(
+            {"flexibility": None}
+        )
     if level is not None and options.bend is not None:
         raise InvalidInput(
             "--bend: the level of --flexibility auto is for the path as it is; leave one of them out"
@@ -161,7 +230,7 @@ def _make_plan(
     progress.start("planning")
     if bend is None:
         with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
-            plan = plan_request(robot, request)
+            plan = plan_or_advise(robot, request)
         if level is None:
             return plan, {}, []
         return plan, {"fidelity": level._asdict()}, [f"  fidelity          {level.sentence}"]

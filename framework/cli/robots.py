@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from collections import defaultdict
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -21,7 +23,7 @@ from framework.cli.parser import (
     add_robot,
     not_empty,
 )
-from framework.errors import FrameworkError, InvalidInput, MissingPackage, NotAssembled, point
+from framework.errors import FrameworkError, InvalidInput, MissingPackage, NotAssembled, check_choice, point
 from framework.kinematics.diagnostics.diagnosis import Diagnosis, check_robot, reference_in_words
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -29,6 +31,7 @@ from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.output import Document, select_fields, write_files
+from framework.proofs.converted_reference import choose_reference
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
@@ -179,9 +182,10 @@ def add_convert_options(parser: OneLineParser) -> None:
 
 def run_convert(options: Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
+    options.robot = _find_description(options.robot)
     parsed = arguments.parse_file(options, propose=propose)
-    description = parsed.description
-    remarks = list(parsed.remarks)
+    description, chosen = choose_reference(parsed)
+    remarks = [*parsed.remarks, *chosen]
     friction = _dry_friction(parsed)
     if friction:
         remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
@@ -193,7 +197,7 @@ def run_convert(options: Namespace) -> Report:
         "dialect": parsed.dialect,
         "file": str(written),
         "urdf": str(written.with_suffix(".urdf")),
-        "remarks": parsed.remarks,
+        "remarks": [*parsed.remarks, *chosen],
         "left_out": description.left_out,
     }
     loops = [closure.name for closure in description.closures]
@@ -205,6 +209,28 @@ def run_convert(options: Namespace) -> Report:
         f"  next              crossing check {written}",
     ]
     return document, lines
+
+
+def _find_description(name: str) -> str:
+    """Return the file of a robot of the package robot_descriptions; any other word as it is.
+
+    Raises:
+        MissingPackage: the package is not installed.
+        InvalidInput: it has no such robot.
+    """
+    if not re.fullmatch(r"\w+_description", name) or FilePath(name).exists():
+        return name
+    try:
+        from robot_descriptions import DESCRIPTIONS
+    except ImportError:
+        raise MissingPackage(
+            f"{name}: is in the package robot_descriptions, which is not installed: pip install "
+            f"robot_descriptions",
+            package="robot_descriptions",
+        ) from None
+    check_choice("robot", name, DESCRIPTIONS)
+    module = import_module(f"robot_descriptions.{name}")  # fetches the files when it is imported first
+    return str(getattr(module, "MJCF_PATH", None) or module.URDF_PATH)
 
 
 def _dry_friction(parsed: ParsedRobot) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +22,11 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.closed_loop import SENSORS, ControlLoop, Run, Spread
-from framework.control.controllers import CONTROLLERS
+from framework.control.by_name import CONTROLLERS, Tuning
+from framework.control.closed_loop import Run
+from framework.control.linear_model import DISTURBANCES
+from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
     FILE,
     Study,
@@ -31,7 +36,8 @@ from framework.control.study import (
     run_store,
     run_study,
 )
-from framework.errors import InvalidInput
+from framework.control.variations import Spread
+from framework.errors import FrameworkError, InvalidInput, NoAnswer, choose_from
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
@@ -61,6 +67,14 @@ DIFFERENCES = (  # of the robots from their model: option, default value, meanin
 )
 FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
+PREDICTED = "  predicted         standard deviation of the platform under lqg, in robot lengths or rad: {}"
+LEAST = "  least sensors     {}; studied with {}"
+WARNING = (
+    "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad in one "
+    "standard deviation: runs will fail the tolerance {1:.4g}"
+)
+NO_SENSORS = "no sensors keep the predicted standard deviation under half of the tolerance {:.4g}: {}"
+SWEPT = 6  # values of a sweep
 STORED_RUNS = 25  # in a stored chunk, at most
 MAX_RUNS = 1_000_000
 
@@ -73,10 +87,10 @@ def add_robustness_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--controller",
         nargs="+",
-        choices=tuple(CONTROLLERS),
+        type=_controller_label,
         metavar="NAME",
-        help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward, which is for robots with "
-        "springs, too; lqr sees the platform and may pass where that fails)",
+        help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward); lqg estimates state and "
+        "differences from its sensors and is for every robot, lqr needs --sensors joints for springs",
     )
     group.add_argument(
         "--runs",
@@ -99,6 +113,42 @@ def add_robustness_options(parser: OneLineParser) -> None:
         help="run number K of the study in the folder ROBOT once more, alone",
     )
     parser.set_defaults(parser=parser)
+    gains = parser.topic("the controller")
+    add_number(
+        gains,
+        "--bandwidth",
+        "W",
+        "natural frequency of feedforward and computed torque [rad/s] (default: 40 and 20, or less as the "
+        "delay and springs demand)",
+    )
+    add_number(
+        gains,
+        "--integral",
+        "R",
+        "rate of their integral of the error [1/s] (default: 0, without)",
+        default=0.0,
+    )
+    add_number(
+        gains,
+        "--torque-share",
+        "X",
+        "of lqr and lqg: torque correction, share of the peak, that costs as much as 1e-3 robot lengths; "
+        "more is faster (default: 0.3)",
+        default=Tuning.torque_share,
+    )
+    gains.add_argument(
+        "--estimate",
+        nargs="+",
+        choices=DISTURBANCES,
+        metavar="NAME",
+        help=f"of lqg: what is estimated, of {', '.join(DISTURBANCES)} (default: what differs below)",
+    )
+    gains.add_argument(
+        "--sweep",
+        metavar="NAME=A..B",
+        help="studies of each controller for several values of bandwidth, integral or torque_share, such as "
+        "bandwidth=5..60",
+    )
     spread = parser.topic("how the robots differ")
     for name, default, meaning in DIFFERENCES:
         add_number(
@@ -112,7 +162,23 @@ def add_robustness_options(parser: OneLineParser) -> None:
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
-        "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
+        "--sensors",
+        nargs="+",
+        default=["motors"],
+        metavar="NAME",
+        help=f"of {', '.join(SENSORS)} and elbows:JOINT; joints are all, with the platform; or suggest, for "
+        "the least that lqg is predicted to pass with (default: motors)",
+    )
+    add_number(loop, "--known-delay", "T", "from measurement to torque [s], of all (default: 0)", default=0.0)
+    add_number(
+        loop, "--counts", "N", "of motor encoders [1/turn], motor side (default: without steps)", default=0.0
+    )
+    add_number(
+        loop,
+        "--link-counts",
+        "N",
+        "of encoders of links and elbows [1/turn] (default: without steps)",
+        default=0.0,
     )
     add_number(
         loop,
@@ -130,11 +196,28 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
 
 
+def _controller_label(text: str) -> str:
+    """Check a controller's name, perhaps with a gain such as `feedforward bandwidth=20`; an argparse type."""
+    name, *changes = text.split() or [""]
+    known = {"bandwidth", "integral", "torque_share"}
+    if name in CONTROLLERS and all(change.partition("=")[0] in known for change in changes):
+        return text
+    raise argparse.ArgumentTypeError(choose_from("controller", text, CONTROLLERS))
+
+
 def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
     setup = _make_setup(options)
+    options.progress.start("predicting")
+    predictions = _predict(setup)
+    if options.sensors == ["suggest"]:
+        options.controller = options.controller or ["lqg"]
+        chosen = suggest_sensors(predictions, setup.loop.tolerance)
+        if chosen is None:
+            raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
+        setup = replace(setup, loop=replace(setup.loop, sensors=chosen.sensors))
     out = None if options.out is None else Path(options.out)
     stores = {
         name: run_store(out, setup.to_dict(), name) for name in _controller_names(options) if out is not None
@@ -148,7 +231,10 @@ def run_robustness(options: Namespace) -> Report:
     unit = f"of {options.runs * len(stores)} runs"
     with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _run_studies(options, setup, stores)
-        document = _make_document(setup, studies, out)
+        document = _make_document(setup, studies, out) | {"predicted": [asdict(one) for one in predictions]}
+        for one in _predict_studies(options, setup):
+            if not one.is_within(setup.loop.tolerance):
+                options.warnings.append(WARNING.format(one, setup.loop.tolerance))
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
@@ -161,8 +247,45 @@ def _make_setup(options: Namespace) -> StudySetup:
     limit = None if options.limit is None else tuple(options.limit)
     plan = arguments.load_or_plan(options)
     tolerance = _parse_tolerance(options.tolerance, plan.robot.length)
-    loop = ControlLoop(tolerance=tolerance, end=tolerance, limit=limit, sensors=options.sensors)
-    return StudySetup.of(plan, period=options.period, loop=loop, spread=spread, seed=options.seed)
+    loop = ControlLoop(
+        tolerance=tolerance,
+        end=tolerance,
+        limit=limit,
+        sensors="motors" if options.sensors == ["suggest"] else " ".join(options.sensors),
+        delay=options.known_delay,
+        counts=options.counts,
+        link_counts=options.link_counts,
+    )
+    estimates = None if options.estimate is None else tuple(options.estimate)
+    tuning = Tuning(options.bandwidth, options.integral, options.torque_share, estimates)
+    return StudySetup.of(
+        plan, period=options.period, loop=loop, spread=spread, seed=options.seed, tuning=tuning
+    )
+
+
+def _predict(setup: StudySetup) -> list[Prediction]:
+    """Return the predictions of lqg by sensors; none where the linear model does not exist."""
+    try:
+        return predict_by_sensors(setup.reference, setup.loop, setup.spread, tuning=setup.tuning)
+    except FrameworkError:
+        return []
+
+
+def _predict_studies(options: Namespace, setup: StudySetup) -> list[Prediction]:
+    """Return the predictions of the controllers that are studied, as far as they are linear."""
+    try:
+        predictions = [
+            predict(name, setup.controller(name), setup.loop, setup.spread)
+            for name in _controller_names(options)
+        ]
+    except FrameworkError:
+        return []
+    return [one for one in predictions if one is not None]
+
+
+def _list_predictions(predictions: list[Prediction]) -> str:
+    """Return the predictions in words, by sensors."""
+    return ", ".join(f"{one.sensors} {one.platform:.1e}" for one in predictions)
 
 
 def _parse_tolerance(text: str, length: float) -> float:
@@ -175,8 +298,21 @@ def _parse_tolerance(text: str, length: float) -> float:
 
 
 def _controller_names(options: Namespace) -> list[str]:
-    """Return the names of the controllers, each once."""
-    return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
+    """Return the names of the controllers, each once, with the values of --sweep."""
+    names = list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
+    if options.sweep is None:
+        return names
+    key, _, ends = options.sweep.partition("=")
+    try:
+        low, high = map(float, ends.split(".."))
+    except ValueError:
+        low = high = 0.0
+    if key not in ("bandwidth", "integral", "torque_share") or not 0 < low < high < np.inf:
+        raise InvalidInput(
+            f"--sweep: needs bandwidth, integral or torque_share with two positive ends, such as "
+            f"bandwidth=5..60, got {options.sweep!r}"
+        )
+    return [f"{name} {key}={value:.4g}" for name in names for value in np.geomspace(low, high, SWEPT)]
 
 
 def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None) -> Document:
@@ -255,6 +391,11 @@ def _format_studies(document: Document) -> list[str]:
     exceeded = [f"{joint} {peak:.4g} of {limit:.4g}" for joint, (peak, limit) in document["exceeded"].items()]
     binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
     lines = [HEAD.format_map(document | {"binding": binding}), *map(ROW.format_map, document["studies"])]
+    if document["predicted"]:
+        predictions = [Prediction(**one) for one in document["predicted"]]
+        lines.append(PREDICTED.format(_list_predictions(predictions)))
+        chosen = suggest_sensors(predictions, document["tolerance"])
+        lines.append(LEAST.format("none of these" if chosen is None else chosen.sensors, document["sensors"]))
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]

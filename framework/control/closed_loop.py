@@ -7,166 +7,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from framework.control.controllers import Controller, Measurement, Reference, RobotState
+from framework.control.controllers import Controller, Measurement, RobotState
+from framework.control.reference import Reference
+from framework.control.sensors import ControlLoop, Sensors, motor_step, sensors_of
+from framework.control.variations import (
+    FRICTION_SMOOTHING,
+    MIN_SPEED,
+    Spread,
+    Variation,
+    apply_variation,
+    draw_noise,
+)
 from framework.dynamics.motor_limits import motor_limits
-from framework.errors import InvalidInput, NotAssembled, check_choice
-from framework.kinematics.frames import integrate
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.frames import difference, integrate
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
-from framework.numerics.fields import not_negative, positive
-from framework.numerics.ordered_sums import matvec
+from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
 from framework.simulation.equations import State
-
-# ------------------------------------------------------------------ how robots differ from the model
-
-
-@dataclass(frozen=True)
-class Spread:
-    """The spread of each quantity about the model, zero by default.
-
-    The spread of a uniform distribution is its largest deviation, that of a normal distribution its standard
-    deviation.
-    """
-
-    payload: float = 0.0  # share of the platform body's inertia, uniform to both sides
-    stiffness: float = 0.0  # share of each spring's stiffness, uniform to both sides
-    places: float = 0.0  # [m] standard deviation of each coordinate of each joint's position
-    friction: float = 0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
-    delay: float = 0.0  # [s] from measurement to torque, uniform from 0, rounded to sampling periods
-    noise: float = 0.0  # [rad, robot lengths] standard deviation of each encoder
-    speed_noise: float = 0.0  # [rad/s, robot lengths/s] standard deviation of measured speeds
-
-    def __post_init__(self) -> None:
-        """Check that no deviation is negative, and that shares are below 1."""
-        for name, value in vars(self).items():
-            not_negative(name, value)
-        for name in ("payload", "stiffness"):
-            if getattr(self, name) >= 1:
-                raise InvalidInput(f"{name}: must be a share below 1, got {getattr(self, name)!r}")
-
-
-@dataclass(frozen=True, eq=False)
-class Variation:
-    """The differences of one robot from the model, reproducible by a seed."""
-
-    seed: tuple[int, int]  # seed of the study, number of the run
-    payload: float  # factor on the platform body's inertia
-    stiffness: Array  # (n_e,) factors
-    shifts: Array  # (joints, 3) [m] of the joints' positions
-    friction: Array  # (n_a,) Coulomb friction, share of the plan's peak torque
-    delay: float  # [s]
-
-
-def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
-    """Draw the variation of one robot, independent of all others.
-
-    Args:
-        spread: of each quantity about the model `robot`.
-        seed: seed of the study, number of the run.
-    """
-    random = np.random.default_rng(seed)
-    # drawing in another order would give other results for the same seed
-    return Variation(
-        seed=seed,
-        payload=1 + spread.payload * random.uniform(-1, 1),
-        stiffness=1 + spread.stiffness * random.uniform(-1, 1, robot.n_e),
-        shifts=spread.places * random.standard_normal((robot.model.njoints - 1, 3)),
-        friction=spread.friction * random.uniform(0, 1, robot.n_a),
-        delay=spread.delay * random.uniform(0, 1),
-    )
-
-
-def draw_noise(
-    robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
-) -> Array | None:
-    """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without noise.
-
-    Positions are in rad or m, speeds in rad/s or m/s.
-
-    Args:
-        spread: standard deviations of the noise.
-        seeds: those of the R variations.
-        samples: number of sampling instants.
-    """
-    if not (spread.noise or spread.speed_noise):
-        return None
-    deviations = np.array([spread.noise, spread.speed_noise])[:, None]  # (2, 1)
-    shape = (samples, 2, robot.nv)
-    # the additional 1 in the seed makes the sequences independent of those of `draw`
-    runs = [np.random.default_rng((*seed, 1)).standard_normal(shape) for seed in seeds]
-    return np.stack(runs, axis=1) * deviations * robot.column_scale
-
-
-def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
-    """Return the robot with the inertia, joint positions and spring stiffness of a variation.
-
-    With shifted joints the loops close at another configuration. Loop equations that are redundant in all
-    poses are left out: they hold only for exact positions, and a real machine has clearance in its joints.
-
-    The payload factor applies to the inertia of the platform's link or, if that link has no inertia, to the
-    moving body that carries the platform's frame. The closed-loop simulation applies friction and delay.
-    """
-    model = robot.model.copy()
-    frame = model.frames[robot.frames[0]]  # the platform's frame
-    joint = frame.parentJoint
-    payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
-    parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
-    # parameters of bodies that move as one add up, so their sum changes by the change of the payload
-    parameters += (variation.payload - 1) * payload.toDynamicParameters()
-    if parameters[0] > 0:  # only a body with mass has an inertia to change
-        model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
-    for k, shift in enumerate(variation.shifts, start=1):  # joint 0 is the world
-        model.jointPlacements[k].translation += shift
-    return replace(
-        robot,
-        model=model,
-        stiffness=robot.stiffness * variation.stiffness,
-        rows=robot.spanning_loops,  # now all that there are
-        structure=replace(
-            robot.structure,
-            independent=np.arange(len(robot.loops.names)),
-            spanning=np.arange(len(robot.spanning_loops.names)),
-        ),
-    )
-
+from framework.tolerances import AT_REST
 
 # ------------------------------------------------------------------ the closed loop
 
 
-SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
+# steps of the simulation in a sampling period, of robots with springs: one step of 1 ms takes 7 % of the
+# amplitude of a vibration of 139 Hz, four take 0.2 %
+ELASTIC_STEPS = 4
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
-FRICTION_SMOOTHING = 0.02  # share of the largest planned motor speed below which friction is smoothed
-MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
-
-
-@dataclass(frozen=True)
-class ControlLoop:
-    """Tolerances, torque limits and sensors of all runs.
-
-    A run passes if the platform always stays within `tolerance` of the plan and ends within `end` of the end
-    of the path.
-    """
-
-    tolerance: float = 2.5e-3  # [robot lengths, rad]
-    end: float = 2.5e-3  # [robot lengths, rad]
-    # (n_a,) largest motor torques [N m, N]; None: those of the plan, or 10 times its peaks
-    limit: tuple[float, ...] | None = None
-    sensors: str = "motors"  # encoders on the motors, or on all "joints"
-
-    def __post_init__(self) -> None:
-        """Check tolerances and the name of the sensors."""
-        positive("tolerance", self.tolerance)
-        positive("end", self.end)
-        check_choice("sensors", self.sensors, SENSORS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -231,13 +105,16 @@ def run_closed_loop(
     """
     ref = controller.reference
     limit = torque_limit(ref, loop)
-    robots = _VariedRobots.of(ref, spread, variations)
+    robots = _VariedRobots.of(ref, loop, spread, variations)
+    start = getattr(controller, "start", None)  # of a controller with a state per run
+    driver = controller if start is None else start(len(variations))
     last = len(ref.times) - 1
     lost = np.full(len(variations), np.inf)  # (R,) [s] instants at which runs diverged
     x: list[Array] = []  # (R, n) platform coordinates of each check
     # torques (K, R, n_a) that the controller commands, and those of the motors, which follow with a delay
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start  # (R, nq), (R, nv)
+    last_dx = None  # (R, n) rates of the platform at the last instant
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
@@ -246,8 +123,9 @@ def run_closed_loop(
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
         # a controller may divide by zero at Type 2: an undefined torque counts as none
+        measured, last_dx = robots.measure(k, q, v, last_dx)
         with np.errstate(all="ignore"):
-            command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
+            command = driver.torque(k, measured._replace(command=commands[k - 1] if k else None))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
         # each run has its own delay, a number of periods; until it has passed, the first command applies
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
@@ -338,6 +216,8 @@ class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches."""
 
     reference: Reference  # the planned motion
+    sensors: Sensors
+    motor_step: Array  # (n_a,) steps of the motors' encoders [rad, m], joint side; 0 without steps
     stepper: Stepper  # computes the motion of all robots over one period
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces  # external wrenches
@@ -347,10 +227,13 @@ class _VariedRobots(NamedTuple):
     noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds; None without noise
 
     @staticmethod
-    def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
-        """Place the robots at rest at the start of the plan, loops closed.
+    def of(
+        ref: Reference, loop: ControlLoop, spread: Spread, variations: Sequence[Variation]
+    ) -> _VariedRobots:
+        """Place the robots at the start of the plan, with its speed, loops closed.
 
         Args:
+            loop: sensors and known delay.
             spread: standard deviations of the encoders' noise.
             variations: the other differences of each robot from the model.
 
@@ -364,21 +247,28 @@ class _VariedRobots(NamedTuple):
             stepper = Stepper.of(varied_robots, like=ref.robot)
             copies = (len(variations), 1)
             q = np.tile(ref.motion.q[0], copies)
-            start = stepper.start(q, torque=np.tile(ref.torque[0], copies), world=world)
+            v = ref.motion.v
+            planned = np.where(np.abs(v[0]) > AT_REST * np.abs(v).max(), v[0], 0.0)
+            torque = np.tile(ref.torque[0], copies)
+            start = stepper.start(q, np.tile(planned, copies), torque, world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
 
         # delays, at most the whole motion; noise of the encoders; friction, in shares of the peak torques
-        periods = np.rint([variation.delay / ref.period for variation in variations])
+        periods = np.rint([(loop.delay + variation.delay) / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]
         noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
         shares = np.array([variation.friction for variation in variations])
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _VariedRobots(ref, stepper, start, world, delays, friction, smoothing_speed, noise)
+        sensors = sensors_of(ref.robot, loop)
+        return _VariedRobots(
+            *(ref, sensors, motor_step(ref.robot, loop), stepper, start, world, delays, friction),
+            *(smoothing_speed, noise),
+        )
 
     def platform_coordinates(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k, with angles near the planned ones.
@@ -388,30 +278,47 @@ class _VariedRobots(NamedTuple):
         x, _ = self.stepper.platform(q, v)  # without the rates
         return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 
-    def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
-        """Read the encoders at instant k, with their noise.
+    def measure(self, k: int, q: Array, v: Array, last_dx: Array | None) -> tuple[Measurement, Array]:
+        """Read the sensors at instant k, with their noise and steps; return also the platform's rates.
 
-        q (R, nq) and v (R, nv) are the configurations and joint rates, `sensors` is one of SENSORS. With
-        encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
-        platform by dx/dq, the pseudo-inverse of the planned N = dq/dx.
+        The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
+        dq/dx.
+
+        Args:
+            q, v: configurations (R, nq) and joint rates (R, nv).
+            last_dx: rates (R, n) of the platform at the last instant, from which accelerations follow; None
+                at first.
         """
-        ref = self.reference
+        ref, sensors = self.reference, self.sensors
         robot = ref.robot
-        noise = np.zeros_like(v)
-        rates = v
-        if self.noise is not None:
-            noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
-            rates = v + rate_noise
-        angle = robot.gear_ratio * (robot.actuated_coordinates(q) + noise[:, robot.actuated])
-        speed = robot.gear_ratio * rates[:, robot.actuated]
-        if sensors == "motors":
-            return Measurement(angle, speed, state=None)
+        noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
+        rates = v + rate_noise
+        planned = robot.coordinates.positions(ref.motion.q[[k]])  # (1, nv)
+        motors = robot.actuated
+        position = robot.actuated_coordinates(q) + noise[:, motors]  # (R, n_a)
+        angle = robot.gear_ratio * _round_to(position, self.motor_step)
+        speed = robot.gear_ratio * rates[:, motors]
 
+        true_x = self.platform_coordinates(k, q, v)
+        _, twist = self.stepper.platform(q, v)
+        true_dx = solve(robot.platform.rate_matrix(true_x), twist)
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
-        x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
-        # the rates of the platform follow from those of the joints, as offsets from the plan
-        dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
-        return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
+        x, dx = true_x + matvec(dx_dq, noise), true_dx + matvec(dx_dq, rate_noise)
+        state = RobotState(integrate(robot, q, noise), rates, x, dx) if sensors.state else None
+
+        # readings less the planned ones
+        offset = difference(robot, ref.motion.q[[k]], q)  # (R, nv)
+        S = sensors.joints.S
+        at_plan = matvec(S, planned)  # (1, s)
+        reading = at_plan + matvec(S, offset) + matvec(sensors.joints.noisy, noise)
+        readings = [_round_to(reading, sensors.joints.step) - at_plan]
+        if sensors.platform:
+            readings.append(x - ref.x[k])
+        if sensors.imu:
+            before = true_dx if last_dx is None else last_dx
+            change = true_dx - before - (ref.dx[k] - ref.dx[max(k - 1, 0)])
+            readings.append(change / ref.period)
+        return Measurement(angle, speed, state, np.concatenate(readings, axis=1)), true_dx
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
         """Compute the states one period after instant k under motor torques `torque` (R, n_a) [N m].
@@ -421,12 +328,22 @@ class _VariedRobots(NamedTuple):
         rates.
         """
         ref = self.reference
-        world = None  # forces of the external wrenches
-        if self.world.acts:
-            middle_time = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))  # (R,)
-            q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)
-            models = [equations.robot.model for equations in self.stepper.equations]
-            world = self.world(ref.robot, middle_time, q_middle, models)
-        speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
-        friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
-        return self.stepper.step(q, v, torque - friction, ref.period, world=world)
+        steps = ELASTIC_STEPS if ref.robot.n_e else 1
+        h = ref.period / steps
+        for step in range(steps):
+            world = None  # forces of the external wrenches
+            if self.world.acts:
+                middle = min(ref.times[k] + (step + 0.5) * h, ref.times[-1])
+                models = [equations.robot.model for equations in self.stepper.equations]
+                q_middle = integrate(ref.robot, q, 0.5 * h * v)
+                world = self.world(ref.robot, np.repeat(middle, len(q)), q_middle, models)
+            speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
+            friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
+            q, v = self.stepper.step(q, v, torque - friction, h, world=world)
+        return State(q, v)
+
+
+def _round_to(values: Array, step: Array) -> Array:
+    """Round values (..., s) to multiples of steps (s,); a step of 0 rounds nothing."""
+    whole = np.round(values / np.where(step > 0, step, 1.0)) * step
+    return np.where(step > 0, whole, values)

@@ -4,8 +4,9 @@
     cycle.update(q_a, dq_a)                     # joint side of the gears
     torque = cycle.torque(ddq_a)                # motor side
 
-A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle. Newton's method then closes the
-loops with the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
+A cycle predicts the pose from the tangents T = dq/dq_a of the last three cycles, by the formula of Adams and
+Bashforth. Newton's method then closes the loops with the passive joints, P dq_p = -residual; at the usual
+speeds of motors one linearisation is enough. With the joint accelerations a_0 at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
@@ -32,6 +33,7 @@ from framework.kinematics.continuation.forward_kinematics import (
 )
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
+from framework.kinematics.couplings import coupling_derivatives, coupling_jacobian
 from framework.kinematics.frames import FrameMotions, FrameStack, Scratch
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
@@ -120,6 +122,7 @@ class ControlCycle:
             self._linearise(self.q)
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
             self._linearise(q)
+            self._former_tangents = (self.T.copy(),) * 2
         self._motors = target.copy() if self._has_no_balls else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
@@ -212,7 +215,7 @@ class ControlCycle:
         self._P = jacobian.take(columns, axis=1) * self._scale
         # solve for the dimensionless step and rates, and restore their units
         try:
-            self._inverse = np.linalg.inv(self._P)
+            self._inverse = np.asarray(np.linalg.inv(self._P), dtype=float)
         except np.linalg.LinAlgError:
             self._inverse = np.full_like(self._P, np.inf)  # so that `type2` is 0
             return np.inf
@@ -240,9 +243,12 @@ class ControlCycle:
         T of the last cycle predict the step; afterwards they are those of the new configuration, even of a
         refused one.
         """
-        last_determinant = np.linalg.det(self._P)
+        last_P, last_inverse = self._P, self._inverse
+        former, last, T = *self._former_tangents, self.T.copy()  # of the last three cycles
         motor_step = target - self._motors  # (n_a,)
-        prediction = self.T @ motor_step
+        tangent_step = T @ motor_step
+        # T + (T - last) / 2 + 5/12 (T - 2 last + former), the mean tangent of equal steps to third order
+        prediction = (23.0 * T - 16.0 * last + 5.0 * former) @ motor_step / 12.0
         q = self._integrate(self.q, prediction)
         if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
@@ -265,20 +271,30 @@ class ControlCycle:
         else:  # too many iterations
             return None
 
-        # judge the step by the largest motion of a joint [rad, robot lengths]
-        lengths = self.robot.column_scale
-        corrected = np.abs(correction / lengths).max()
-        predicted = np.abs(prediction / lengths).max()
-        tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
-        # a determinant far below the last one is rounding, so its sign says nothing
-        has_same_sign = np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2
+        # judge the step along the last tangent by the largest motion of a joint [rad, robot lengths]
+        motions = [correction + prediction - tangent_step, tangent_step, self.T @ motor_step - tangent_step]
+        largest = np.abs(np.array(motions) / self.robot.column_scale).max(axis=1)
+        corrected, predicted, tangent_change = largest.tolist()
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and has_same_sign
+            and self._keeps_sign(last_P, last_inverse)
             and self.type2 > BRANCHES_MEET
         )
-        return q if is_accepted else None
+        if not is_accepted:
+            return None
+        self._former_tangents = (last, T)
+        return q
+
+    def _keeps_sign(self, last_P: Array, last_inverse: Array) -> bool:
+        """Return whether det P has kept its sign since the last P (n_p, n_p), of this inverse."""
+        ratio = last_inverse @ self._P  # its determinant is det P over the last one
+        change = np.abs(ratio - np.eye(len(ratio))).sum(axis=0).max(initial=0.0)
+        if change < 0.5:  # then no eigenvalue of the ratio is below 1/2
+            return True
+        last_determinant = np.linalg.det(last_P)
+        # a determinant far below the last one is rounding, so its sign says nothing
+        return bool(np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2)
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
@@ -287,6 +303,7 @@ class ControlCycle:
     def _rest_at(self, q: Array) -> None:
         """Set the state of rest at q (nq,)."""
         self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
+        self._former_tangents = (self.T.copy(),) * 2  # T of the last but one and of the last cycle
         self._set_state(q, np.zeros(self.robot.n_a))
 
     def _set_state(self, q: Array, rates: Array) -> None:
@@ -333,7 +350,7 @@ class ControlCycle:
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
-            loop_drift = self._select_rows(self._equations.drift()) / self._row_sizes[:, 0]
+            loop_drift = self._select_rows(self._equations.drift(self.q, self.v)) / self._row_sizes[:, 0]
             self._drift[self._following] = -(self._inverse @ loop_drift) * self._passive_lengths
         return self._drift
 
@@ -371,7 +388,6 @@ class SinglePose:
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)  # (m, nv)
-        self._couplings = rows.coupling_jacobian(robot.nv)  # constant part of the Jacobian
         self._wrench = np.empty((count, 6))  # of each row of the Jacobian
         self.residual = np.empty(count)  # of all loop equations [m, rad]
         self.jacobian = np.empty((count, robot.nv))
@@ -401,7 +417,7 @@ class SinglePose:
         # 1 for joints that carry only the second frame, -1 for those that carry only the first, else 0
         self.jacobian *= self._signs
         if rows.has_couplings:
-            self.jacobian += self._couplings
+            self.jacobian += coupling_jacobian(rows, q[None], self.robot.nv)[0]
 
     def evaluate_motion(self, q: Array, v: Array) -> None:
         """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
@@ -414,11 +430,12 @@ class SinglePose:
         pin.updateFramePlacements(self.robot.model, scratch.data)
         self._update_residual(q)
 
-    def drift(self) -> Array:
-        """Compute the drift dJ/dt v (m,) of the loop equations at the last `evaluate_motion`."""
+    def drift(self, q: Array, v: Array) -> Array:
+        """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        return closure_drift(self.rows, FrameMotions.of(self._placements, *twists))
+        motions = FrameMotions.of(self._placements, *twists)
+        return closure_drift(self.rows, motions, q[None], v[None])
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
@@ -453,5 +470,5 @@ class SinglePose:
             self.residual *= rows.weight
             self.residual -= rows.constant
         if rows.has_couplings:
-            self.residual[rows.coupled] = rows.coupling_residual(q[None])[0]
+            self.residual[rows.coupled] = coupling_derivatives(rows, q[None], 0)[0]
         return a, b

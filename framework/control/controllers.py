@@ -1,4 +1,4 @@
-"""Controllers by name, with the planned motion, the measurements and the state estimates that they use.
+"""Feedforward and computed torque, with planned motion, measurements and estimated states.
 
 With encoders only on the motors, the platform coordinates follow from the motor angles by the inverse of G =
 d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate amplifies noise without bound there.
@@ -7,12 +7,6 @@ The aware estimate takes the planned values in the directions that the motors do
 Feedforward: planned torques with proportional and derivative feedback at each motor. The planned torque is
 finite at the crossing, and the feedback does not invert A. So the controller works at a singularity without
 change.
-
-Time-varying LQR on the manifold of closed loops: the dynamics are linearised along the plan in platform
-coordinates, in which they are regular at Type 2. G loses rank there, so that the motors do not control one
-direction for an instant. The Riccati equation takes this into account: the gains before and after the
-crossing correct the errors in that direction. After Bordalba, Ros and Porta, A Singularity-Robust LQR
-Controller for Parallel Robots, IROS 2018.
 
 Computed torque: the inverse dynamics of the measured state, naive or aware of the singularity. Both
 controllers command the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques
@@ -28,125 +22,27 @@ the singularity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from framework.control.deviation import Feedback, closed_loop_deviation
+from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.reference import Reference, fading_thresholds
+from framework.control.sensors import ControlLoop
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.forward_dynamics import forward_derivatives
-from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
-from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
+from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.linearised_loops import scaled_loops
 from framework.kinematics.loop_ranges import align_bases
-from framework.kinematics.motion_rates import Motion, joint_rates
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import MotionLaw
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array
+from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matmul, matvec, solve
-from framework.planning.result import CrossingPlan
-from framework.tolerances import SAME_PLACE
-
-# ------------------------------------------------------------------ the planned motion
-
-
-MAX_SAMPLES = 200_000  # of a planned motion
-
-
-@dataclass(frozen=True, eq=False)
-class Reference(ReadOnlyArrays):
-    """The planned motion at the K sampling instants k * `period`."""
-
-    robot: ParallelRobot  # the controller's model
-    period: float  # [s]
-    times: Array  # (K,) [s]
-    motion: Motion  # q (K, nq), v, a (K, nv)
-    x: Array  # (K, n) platform coordinates [m, rad]
-    dx: Array  # (K, n) their rates
-    ddx: Array  # (K, n) their accelerations
-    torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
-    torque_limit: Array  # (n_a,) limits that the plan was made for, motor side; infinite without
-    period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
-    motor_angle: Array  # (K, n_a) [rad, m], motor side
-    motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
-    N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
-    law: MotionLaw  # path parameter over time
-    wrenches: ExternalWrenches  # external wrenches, as planned
-
-    @cached_property
-    def motor_maps(self) -> Array:
-        """Motor angles per robot length or radian of the platform, (K, n_a, n), motor side."""
-        robot = self.robot
-        return robot.gear_ratio[:, None] * self.N[:, robot.actuated] * robot.platform_scale
-
-    @cached_property
-    def motor_thresholds(self) -> Array:
-        """Singular values (n,) below which the motors do not determine the platform."""
-        return fading_thresholds(self.motor_maps)
-
-    @property
-    def planned_wrenches(self) -> dict[str, Array]:
-        """External wrenches (K, 6) along the planned motion, on base axes, by frame."""
-        frames = self.motion.linearised.frames
-        return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
-
-
-def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
-    """Sample the plan every `period` seconds.
-
-    Raises:
-        InvalidInput: the period is not positive, longer than a tenth of the motion, or so short that
-            there would be more than 200000 samples.
-    """
-    shortest = plan.duration / MAX_SAMPLES
-    longest = plan.duration / 10
-    if not (np.isfinite(period) and shortest < period <= longest):
-        raise InvalidInput(
-            f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
-            f"got {period!r}"
-        )
-
-    robot = plan.robot
-    dynamics = plan.dynamics
-    # rounding must not lose the instant at the end
-    count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
-    times = np.minimum(period * np.arange(count), plan.duration)
-    middles = np.minimum(times + period / 2, plan.duration)  # of the sampling periods
-    motion = dynamics.motion(times)
-    x = plan.platform(times)  # (K, n)
-    return Reference(
-        robot=robot,
-        period=period,
-        times=times,
-        motion=motion,
-        x=x,
-        dx=plan.platform(times, order=1),
-        ddx=plan.platform(times, order=2),
-        torque=dynamics.torques(times),
-        torque_limit=motor_limits(robot, "torque_limit", plan.request.torque_limit),
-        period_torque=dynamics.torques(middles),
-        motor_angle=plan.motor_angle(times),
-        motor_speed=plan.motor_angle(times, order=1),
-        N=joint_rates_by_platform(robot, motion, x),
-        law=plan.law,
-        wrenches=dynamics.wrenches,
-    )
-
-
-def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
-    """Compute N = dq/dx (T, nv, n) at x (T, n) along a motion, at constant deflections."""
-    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) one twist for each unit rate of x
-    no_deflection_rates = np.zeros((len(x), robot.n_e))
-    rates = joint_rates(robot, motion.linearised, twists, no_deflection_rates)  # (n, T, nv)
-    return np.moveaxis(rates, 0, 2)
-
 
 # ------------------------------------------------------------------ controllers
 
@@ -161,15 +57,17 @@ class RobotState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The readings of the encoders of R runs."""
+    """The readings of the sensors of R runs."""
 
     motor_angle: Array  # (R, n_a) [rad, m], motor side
     motor_speed: Array  # (R, n_a) [rad/s, m/s], motor side
-    state: RobotState | None  # None with encoders only on the motors
+    state: RobotState | None  # None unless the whole state is measured
+    readings: Array | None = None  # (R, s) of the sensors, less the planned ones, see `sensors_of`
+    command: Array | None = None  # (R, n_a) torque of the last instant, as limited; None at first
 
 
 class Controller(Protocol):
-    """A controller for one reference, without internal state."""
+    """A controller for one reference; one with a state per run has `start`, too."""
 
     @property
     def reference(self) -> Reference:
@@ -177,6 +75,14 @@ class Controller(Protocol):
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
+        ...
+
+
+class StatefulController(Controller, Protocol):
+    """A controller with a state per run, which is called at all instants in order."""
+
+    def start(self, runs: int) -> Controller:
+        """Return a controller of R runs at the start of the plan."""
         ...
 
 
@@ -213,18 +119,6 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     )
 
 
-def fading_thresholds(matrices: Array, *, fading_ratio: float = 0.25) -> Array:
-    """Return a share of the largest singular values (k,) along a plan, for `solve_damped`.
-
-    A singular value is small beside a Type 2 singularity, where it is small against its own values elsewhere
-    on the plan. It may be small against the other singular values in every pose: a light leg, a short lever.
-
-    Args:
-        matrices: (K, m, k) along the plan, m >= k.
-    """
-    return fading_ratio * np.linalg.svd(matrices, compute_uv=False).max(axis=0)
-
-
 def solve_damped(matrices: Array, right: Array, thresholds: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (..., R, m) by damped least squares.
 
@@ -250,138 +144,120 @@ class FeedforwardPD:
     reference: Reference
     feedback: MotorControl  # gains k_p, k_d of each motor
 
+    delay: int = 0  # [periods] known, from measurement to torque
+    integral: float = 0.0  # [1/s] the integral of the angle error counts k_p times this
+
     @staticmethod
     def tune(
         reference: Reference,
         *,
-        frequency: float = 40.0,  # [rad/s] natural, of each motor
-        # share of the damping that stops a rotor within one sampling period; a share of 2 is unstable
-        max_sampled_damping: float = 0.5,
+        loop: ControlLoop | None = None,
+        bandwidth: float | None = None,
+        integral: float = 0.0,
     ) -> FeedforwardPD:
         """Tune each motor to a natural frequency, critically damped.
 
-        The inertia is that of a motor moving alone at the start of the motion. If the robot has springs, a
-        fast motion of a motor moves only its rotor. Then the frequency w is lowered so far that the damping
-        gain k_d = 2 w inertia is at most `max_sampled_damping` times rotor inertia over sampling period.
+        The inertia is that of a motor moving alone at the start of the motion.
+
+        Args:
+            loop: its known delay.
+            bandwidth: natural frequency of each motor [rad/s]. By default 40, or less with a long delay T
+                from measurement to torque: at most MAX_PHASE / T. For a robot with springs, of which fast
+                motions move the rotor alone, it is the one with the least predicted deviation from errors of
+                the torques at T and one period more (`closed_loop_deviation`), of BANDWIDTHS.
+            integral: rate [1/s] of an integral of the error, against constant disturbances.
         """
-        robot = reference.robot
+        robot, period = reference.robot, reference.period
+        delay = 0 if loop is None else loop.delayed_periods(period)
         inertia = motor_inertia(robot, reference.motion.q[0])
-        w = np.full(robot.n_a, frequency)
-        if robot.n_e and robot.rotor_inertia.all():
-            highest = max_sampled_damping * robot.rotor_inertia / (2 * inertia * reference.period)
-            w = np.minimum(w, highest)
-        return FeedforwardPD(reference, MotorControl.of(inertia, w))
+        not_negative("integral", integral)
+        if bandwidth is not None:
+            positive("bandwidth", bandwidth)
+        elif not robot.n_e:
+            bandwidth = default_bandwidth(delay * period, period, DEFAULT_BANDWIDTH)
+        else:
+            bandwidth = _bandwidth_of_springs(reference, inertia, delay)
+        return FeedforwardPD(reference, MotorControl.of(inertia, bandwidth), delay, integral)
+
+    def start(self, runs: int) -> FeedforwardPD | _Integrating:
+        """Return the controller of R runs at the start of the plan."""
+        return _Integrating(self, np.zeros((runs, self.reference.robot.n_a))) if self.integral else self
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
-        They are the planned torques plus feedback of the errors of the measured motor angles and speeds.
+        They are the torques planned for the period in which they act, plus feedback of the errors of the
+        measured motor angles and speeds.
         """
         ref = self.reference
         angle_error = ref.motor_angle[k] - measurement.motor_angle
         speed_error = ref.motor_speed[k] - measurement.motor_speed
-        return ref.period_torque[k] + self.feedback.torque(angle_error, speed_error)
+        planned = ref.period_torque[min(k + self.delay, len(ref.times) - 1)]
+        return planned + self.feedback.torque(angle_error, speed_error)
 
 
-# ------------------------------------------------------------------ linear-quadratic regulator
+@dataclass(eq=False)
+class _Integrating:
+    """Feedforward with the integrals of the angle errors of R runs."""
 
+    controller: FeedforwardPD
+    sum: Array  # (R, n_a) [rad s]
 
-@dataclass(frozen=True, eq=False)
-class TimeVaryingLQR:
-    """tau = tau_plan + gain [x error; dx error]."""
-
-    reference: Reference
-    gain: Array  # (K, n_a, 2n)
-
-    @staticmethod
-    def tune(
-        reference: Reference,
-        *,
-        position_deviation: float = 1e-3,  # [robot lengths]
-        speed_deviation: float = 2e-2,  # [robot lengths/s]
-    ) -> TimeVaryingLQR:
-        """Compute the gains of least quadratic cost.
-
-        The cost is the integral of e' Q e + u' R u for errors e = [x error; dx error] and torque corrections
-        u. The weights are diagonal: 1 / `position_deviation`^2 for positions, 1 / `speed_deviation`^2 for
-        speeds and 1 / (peak torque of the plan)^2 for torques.
-
-        Raises:
-            InvalidInput: the robot has springs.
-        """
-        robot = reference.robot
-        if robot.n_e:
-            raise InvalidInput(
-                f"controller lqr: for rigid robots; {robot.name} has the springs "
-                f"{', '.join(robot.elastic_names)}: use feedforward"
-            )
-        # (2, n) deviations of equal cost, of positions and of speeds, in the units of each coordinate
-        deviations = np.outer([position_deviation, speed_deviation], robot.platform_scale)
-        Q = np.diag(1 / deviations.ravel() ** 2)
-        R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
-        A, B = linearise_error(reference)  # of the error dynamics
-        return TimeVaryingLQR(reference, solve_riccati(A, B, Q, R, reference.period))
+    @property
+    def reference(self) -> Reference:
+        """The planned motion."""
+        return self.controller.reference
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
-
-        They are the planned torques plus the gain of the instant times the errors of the platform.
-        """
-        ref = self.reference
-        state = estimate_state(ref, k, measurement, aware=True)
-        error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
-        return ref.period_torque[k] + matvec(self.gain[k], error)
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
+        own = self.controller
+        self.sum = self.sum + self.reference.period * (
+            self.reference.motor_angle[k] - measurement.motor_angle
+        )
+        return own.torque(k, measurement) + own.integral * own.feedback.k_p * self.sum
 
 
-def linearise_error(reference: Reference) -> tuple[Array, Array]:
-    """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
-
-    With the deviations e = [x; dx] and tau from the planned motion, de/dt = A e + B tau, where
-    A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
-    """
-    slopes = forward_derivatives(
-        reference.robot,
-        reference.motion.q,
-        reference.motion.v,
-        reference.torque,
-        wrenches=reference.planned_wrenches,
-        turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
-    )
-    by_x = slopes.acceleration_y  # (K, n, n)
-    by_torque = slopes.acceleration_torque  # (K, n, n_a)
-    identity = np.broadcast_to(np.eye(reference.robot.n), by_x.shape)
-    A = np.block([[np.zeros_like(by_x), identity], [by_x, slopes.acceleration_dy]])
-    return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
+DEFAULT_BANDWIDTH = 40.0  # [rad/s] of feedforward
+PLATFORM_BANDWIDTH = 20.0  # [rad/s] of computed torque
+# bandwidth times the delay from measurement to the middle of the period in which a torque acts. The loop of
+# a critically damped double integrator crosses at 2.06 of its frequency with a phase margin of 76 degrees
+# less 118 degrees times this number: 40 degrees are left
+MAX_PHASE = 0.3
+BANDWIDTHS = DEFAULT_BANDWIDTH * 2.0 ** -np.arange(0, 6.5, 0.5)  # [rad/s] tried for robots with springs
 
 
-def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
-    """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
+def default_bandwidth(delay: float, period: float, largest: float) -> float:
+    """Return a bandwidth [rad/s] that a delay [s] and one sampling period more do not destabilise."""
+    return min(largest, MAX_PHASE / (delay + 1.5 * period))
 
-    Args:
-        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics de/dt = A e + B tau.
-        Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
-        period: sampling period h [s].
 
-    With constant torques over a period h, e_(k+1) = F e_k + G tau_k and [F, G; 0, 1] = exp([A, B; 0, 0] h).
-    For the cost-to-go e' P e after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
-    period has the matrix Q + L' R L + (F - G L)' P (F - G L).
-    """
-    from scipy.linalg import expm
+def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> float:
+    """Return the bandwidth [rad/s] of least predicted deviation of the platform, see `FeedforwardPD.tune`."""
+    robot = reference.robot
+    model = linearise_plan(reference, ("torque",))
+    start = np.zeros(model.A.shape[1])
+    start[2 * model.m :] = 1.0
+    largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)
 
-    count, states, inputs = B.shape  # K, 2n, n_a
-    generator = np.zeros((count, states + inputs, states + inputs))  # [A, B; 0, 0] h
-    generator[:, :states] = np.concatenate([A, B], axis=2) * period
-    transition = expm(generator)
-    F = transition[:, :states, :states]
-    G = transition[:, :states, states:]
-    gain = np.empty((count, inputs, states))
-    P = Q  # cost-to-go at the end of the motion
-    for k in reversed(range(count)):
-        PG = P @ G[k]  # P is symmetric, so G' P F = (P G)' F
-        gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
-        closed_loop = F[k] - G[k] @ gain[k]
-        P = Q + gain[k].T @ R @ gain[k] + closed_loop.T @ P @ closed_loop
-    return gain
+    def deviation(bandwidth: float) -> float:
+        gain = motor_gains(reference, model, MotorControl.of(inertia, bandwidth))
+        late, later = (
+            closed_loop_deviation(model, Feedback(gain, periods, None, predicts=False), start).z
+            for periods in (delay, delay + 1)
+        )
+        return float(max((np.abs(z[:, : robot.n]) / robot.platform_scale).max() for z in (late, later)))
+
+    return float(min(BANDWIDTHS[largest >= BANDWIDTHS], key=deviation, default=largest))
+
+
+def motor_gains(reference: Reference, model: LinearModel, feedback: MotorControl) -> Array:
+    """Return the gain (K, n_a, N) by which feedback of the motors corrects torques for deviations z."""
+    robot, m = reference.robot, model.m
+    angle = robot.gear_ratio[:, None] * model.joints[:, robot.actuated]  # (K, n_a, N)
+    # its rate: that of the matrix, and that of h, which is h'
+    speed = np.gradient(angle, reference.period, axis=0)
+    speed[:, :, m : 2 * m] += angle[:, :, :m]
+    return feedback.k_p[:, None] * angle + feedback.k_d[:, None] * speed
 
 
 # ------------------------------------------------------------------ computed torque
@@ -394,11 +270,25 @@ class ComputedTorque:
     reference: Reference
     multipliers: Array | None  # (K, m) of the plan, for the aware controller; None for the naive one
     thresholds: Array  # (n_p,) singular values of P below which the aware controller does not invert P
-    frequency: float = 20.0  # [rad/s] natural, of the platform, critically damped
+    bandwidth: float = PLATFORM_BANDWIDTH  # [rad/s] natural frequency of the platform, critically damped
+    integral: float = 0.0  # [1/s] the integral of the platform's error counts k_p times this
 
     @staticmethod
-    def tune(reference: Reference, *, aware: bool) -> ComputedTorque:
+    def tune(
+        reference: Reference,
+        *,
+        aware: bool,
+        loop: ControlLoop | None = None,
+        bandwidth: float | None = None,
+        integral: float = 0.0,
+    ) -> ComputedTorque:
         """Return the controller that is aware of the singularity, or the naive one.
+
+        Args:
+            aware: whether the controller is aware of the singularity.
+            loop: its known delay.
+            bandwidth: natural frequency of the platform [rad/s]; by default 20, or less with a long delay.
+            integral: rate [1/s] of an integral of the error, against constant disturbances.
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -411,21 +301,32 @@ class ComputedTorque:
             )
         J = scaled_loops(robot, reference.motion.linearised)  # (K, m, nv)
         multipliers = _planned_multipliers(reference, J) if aware else None
-        return ComputedTorque(reference, multipliers, fading_thresholds(J[:, :, robot.following]))
+        not_negative("integral", integral)
+        if bandwidth is not None:
+            positive("bandwidth", bandwidth)
+        delay = 0.0 if loop is None else loop.delay
+        bandwidth = bandwidth or default_bandwidth(delay, reference.period, PLATFORM_BANDWIDTH)
+        thresholds = fading_thresholds(J[:, :, robot.following])
+        return ComputedTorque(reference, multipliers, thresholds, bandwidth, integral)
 
-    def torque(self, k: int, measurement: Measurement) -> Array:
+    def start(self, runs: int) -> ComputedTorque | _IntegratingPlatform:
+        """Return the controller of R runs at the start of the plan."""
+        return _IntegratingPlatform(self, np.zeros((runs, self.reference.robot.n))) if self.integral else self
+
+    def torque(self, k: int, measurement: Measurement, offset: Array | float = 0.0) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
-        They are infinite where the naive controller divides by zero. The open tree needs the generalised
-        forces r. Its passive joints (p) determine the multipliers lambda of the loops by P' lambda = r_p. The
-        motors (a) then need tau = r_a - J_a' lambda on the joint side.
+        An `offset` (R, n) is added to the errors of x. The torques are infinite where the naive controller
+        divides by zero. The open tree needs the generalised forces r. Its passive joints (p) determine the
+        multipliers lambda of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda
+        on the joint side.
         """
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
-        w = self.frequency  # critically damped: k_d = 2 w, k_p = w^2
+        w = self.bandwidth  # critically damped: k_d = 2 w, k_p = w^2
         # the commanded acceleration (R, n) of the platform: planned, plus feedback of errors
-        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x + offset)
 
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
@@ -444,6 +345,26 @@ class ComputedTorque:
         torque = (r - matvec(J_T, multipliers)) / robot.column_scale
         rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
         return rotor_torque + torque[:, robot.actuated] / robot.gear_ratio
+
+
+@dataclass(eq=False)
+class _IntegratingPlatform:
+    """Computed torque with the integrals of the platform's errors of R runs."""
+
+    controller: ComputedTorque
+    sum: Array  # (R, n) [m s, rad s]
+
+    @property
+    def reference(self) -> Reference:
+        """The planned motion."""
+        return self.controller.reference
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
+        own, ref = self.controller, self.reference
+        state = estimate_state(ref, k, measurement, aware=own.multipliers is not None)
+        self.sum = self.sum + ref.period * (ref.x[k] - state.x)
+        return own.torque(k, measurement, own.integral * self.sum)
 
 
 class _Motion(NamedTuple):
@@ -485,7 +406,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
 
     motions = frame_motions(robot, frames, v)
     platform_part = twist_rate - robot.platform.drift(motions)
-    loop_part = -closure_drift(rows, motions)
+    loop_part = -closure_drift(rows, motions, state.q, v)
     if planned is not None:
         loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
@@ -508,24 +429,3 @@ def _planned_multipliers(reference: Reference, J: Array) -> Array:
     loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return np.matvec(inverse, loop_forces * robot.column_scale)
-
-
-# ------------------------------------------------------------------ all by name
-
-
-CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
-    "feedforward": FeedforwardPD.tune,
-    "lqr": TimeVaryingLQR.tune,
-    "computed_torque": lambda reference: ComputedTorque.tune(reference, aware=True),
-    "naive_computed_torque": lambda reference: ComputedTorque.tune(reference, aware=False),
-}
-
-
-def tuned_controller(name: str, reference: Reference) -> Controller:
-    """Return the controller of a name, with its default gains.
-
-    Raises:
-        InvalidInput: unknown name, or a robot that the controller cannot drive.
-    """
-    check_choice("controller", name, CONTROLLERS)
-    return CONTROLLERS[name](reference)

@@ -19,29 +19,27 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import (
-    SENSORS,
-    ControlLoop,
-    Outcomes,
-    Run,
-    Spread,
-    draw,
-    run_closed_loop,
-    torque_limit,
-)
-from framework.control.controllers import Controller, Reference, reference_of, tuned_controller
+from framework.control.by_name import Tuning, tuned_controller
+from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
+from framework.control.controllers import Controller
+from framework.control.reference import Reference, reference_of
+from framework.control.sensors import ControlLoop, sensors_of
+from framework.control.variations import Spread, draw
 from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import (
+    Reader,
     Table,
     dataclass_of,
     list_of,
     mapping,
     not_negative,
-    one_of,
+    optional,
+    or_null,
     positive,
     read_table,
     required,
+    text,
     whole,
 )
 from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
@@ -217,20 +215,30 @@ class StudySetup:
     loop: ControlLoop  # with torque limits as numbers
     spread: Spread
     seed: int
+    tuning: Tuning
 
     @staticmethod
-    def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
+    def of(
+        plan: CrossingPlan,
+        *,
+        period: float,
+        loop: ControlLoop,
+        spread: Spread,
+        seed: int,
+        tuning: Tuning | None = None,
+    ) -> StudySetup:
         """Make the set-up of a new study.
 
         The plan is written to a document and read back, so that its torques equal those of a later rerun to
         the last bit.
 
         Raises:
-            InvalidInput: a plan that cannot be written to a document; an invalid period or limit.
+            InvalidInput: a plan that cannot be written to a document; an invalid period, limit or sensor.
         """
         plan = plan_from_document(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
-        return StudySetup(plan, period, replace(loop, limit=limit), spread, seed)
+        sensors_of(plan.robot, loop)
+        return StudySetup(plan, period, replace(loop, limit=limit), spread, seed, tuning or Tuning())
 
     @cached_property
     def reference(self) -> Reference:
@@ -238,12 +246,14 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of a name with its default gains.
+        """Return the controller of a name, tuned for the loop and the spread.
+
+        Gains may follow the name, such as `feedforward bandwidth=20`.
 
         Raises:
             InvalidInput: unknown name, or a robot that the controller cannot drive.
         """
-        return tuned_controller(name, self.reference)
+        return tuned_controller(name, self.reference, loop=self.loop, spread=self.spread, tuning=self.tuning)
 
     def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.
@@ -262,18 +272,27 @@ class StudySetup:
             "period": self.period,
             **asdict(self.loop),
             "spread": asdict(self.spread),
+            "tuning": asdict(self.tuning),
             "plan": plan_document(self.plan, folder),
             "versions": library_versions(),
         }
 
 
+_TUNING: dict[str, Reader[Any]] = {
+    "bandwidth": or_null(positive),
+    "integral": not_negative,
+    "torque_share": positive,
+    "estimates": or_null(list_of(text)),
+}
 _STUDY: Table = {
     "seed": required(whole),
     "period": required(positive),
     "tolerance": required(positive),
     "end": required(positive),
     "limit": required(list_of(positive)),
-    "sensors": required(one_of("sensors", SENSORS)),
+    "sensors": required(text),
+    **{name: optional(not_negative, 0.0) for name in ("delay", "counts", "link_counts")},
+    "tuning": optional(dataclass_of(Tuning, _TUNING), Tuning()),
     "spread": required(dataclass_of(Spread, dict.fromkeys(vars(Spread()), not_negative))),
     "plan": required(mapping),
 }
@@ -297,6 +316,9 @@ def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[St
     saved = read_document(file, "robustness")
     with prefix_errors(file, InvalidInput):  # the entries of the set-up, checked
         stated = read_table("", saved, _STUDY, others=None)
-        loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
+        loop = ControlLoop(**{field.name: stated[field.name] for field in fields(ControlLoop)})
     plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
-    return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"]), saved
+    with prefix_errors(file, InvalidInput):
+        sensors_of(plan.robot, loop)
+    setup = StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"], stated["tuning"])
+    return setup, saved

@@ -4,6 +4,7 @@ Torques along a path, with a certificate
     inverse_dynamics        torques of a law on a path, on finer and finer grids until the series are resolved
     forces                  forces of the open tree, the motor and spring forces that balance them, and their
                             first-order changes
+    path_forces             the same along a path, as coefficients of s" and s'
     elasticity              deflections in balance with their forces, by passes
     restoration             balance of law and deflections by Gauss-Newton, if the passes do not converge; it
                             uses `balance_equations`, `loaded_balance` and `deflection_splines`;

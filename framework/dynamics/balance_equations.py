@@ -335,22 +335,24 @@ class BalanceEquations:
     ) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
-        Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
-        There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
-        then springs that do not vibrate are not at rest either.
+        Rows are rate and acceleration of each spring at the E ends where the law is at rest to its sixth
+        derivative, over the spring's largest in the motion. At others, springs that do not vibrate are not at
+        rest either. There are no rows if rates cause no forces.
         C is the number of coefficients of the series, k that of the law's scalars.
         """
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
-        is_at_rest = isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS
-        if self.orders == 1 or not is_at_rest:
+        at_rest = np.zeros(2, dtype=bool)  # start and goal
+        if isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS:
+            at_rest = ~np.array(law.moving)
+        if self.orders == 1 or not at_rest.any():
             return np.zeros((0, state.series.size + len(self.steps)))
-        ends = splines.cells[[0, -1]]
-        intervals = splines.intervals[[0, -1]]
+        ends = splines.cells[[0, -1]][at_rest]  # (E,)
+        intervals = splines.intervals[[0, -1]][at_rest]
         _, rate, acceleration = state.samples.clock.motion(ends)
         bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]  # without the values
-        rows = np.zeros((2, 2, splines.size))  # order by end
-        rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
+        rows = np.zeros((2, len(ends), splines.size))  # order by end
+        rows[:, np.arange(len(ends))[:, None], splines.columns(intervals)] = bases
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
         # a spring that hardly moves counts by the largest motion of all springs

@@ -43,11 +43,15 @@ LawChoice = Callable[[TimeFunction | None], MotionLaw]
 
 
 class Checkpoints(NamedTuple):
-    """The undeformed motion apart from the nodes: at crossings, then between nodes or along the motion."""
+    """The motion apart from the nodes: at crossings, then between nodes or along the motion."""
 
     times: Array  # (T,) [s]
     motion: Motion
     forces: Array  # (T, nv) r of the open tree
+
+    def select(self, which: slice) -> Checkpoints:
+        """Return the checkpoints `which`."""
+        return Checkpoints(self.times[which], self.motion.select(which), self.forces[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +184,7 @@ def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
     raise SpringsTooSoft(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
         f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
-        f"{at_rest.grid.times[instant]:.4g} s; use stiffer springs or geometry rigid",
+        f"{at_rest.grid.times[instant]:.4g} s",
         residual=float(size[instant, k]),
     )
 

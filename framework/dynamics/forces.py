@@ -170,31 +170,45 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     or 0 / 0. With redundant motors the sum of squares of the motor-side torques is least. The loop forces are
     lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
-    columns = robot.moving  # actuated, then passive
-    # one right side for r, then one for the unit torque of each motor
-    right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
-    right_sides[0] = r.take(columns, axis=1)
-    right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m)
-    of_tree = balancing[0]  # [w; lambda_0]
-    of_motors = balancing[1:]  # [M; Lambda], transposed
-    w = of_tree[:, : robot.n]  # (T, n)
-    M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
-
-    if robot.n_a == robot.n:
-        torque = solve(M, w)
-    else:  # least in norm on the motor side
-        geared = M * robot.gear_ratio
-        torque = robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
+    torques, of_tree, of_motors = _balance(robot, linearised, r[None])
+    torque = torques[0]
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
 
     with np.errstate(invalid="ignore"):  # an infinite torque gives NaN
         # [w; lambda_0] - [M; Lambda] tau
-        multipliers = of_tree - np.einsum("atk,ta->tk", of_motors, torque)
+        multipliers = of_tree[0] - np.vecmat(torque, of_motors.swapaxes(0, 1))
     multipliers[:, : robot.n] = 0.0  # w - M tau is rounding
     to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)
     return Forces(torque, r[:, robot.elastic] - matvec(to_springs, multipliers))
+
+
+def balancing_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Array:
+    """Compute joint torques (k, T, n_a) that balance k forces r (k, T, nv) of the open tree at each pose."""
+    return _balance(robot, linearised, r)[0]
+
+
+def _balance(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> tuple[Array, Array, Array]:
+    """Solve the equations of `balanced_forces` for k forces r (k, T, nv) at each pose.
+
+    Returns:
+        The torques (k, T, n_a); [w; lambda_0] (k, T, n + m); [M; Lambda] (n_a, T, n + m), transposed.
+    """
+    columns = robot.moving  # actuated, then passive
+    count = len(r)
+    # right sides for all r, then one for the unit torque of each motor
+    right_sides = np.zeros((count + robot.n_a, *r.shape[1:2], len(columns)))
+    right_sides[:count] = r.take(columns, axis=2)
+    right_sides[count:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
+    balancing = linearised.factors.solve_transposed(right_sides)  # (k + n_a, T, n + m)
+    of_tree, of_motors = balancing[:count], balancing[count:]
+    w = of_tree[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, k)
+    M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
+    if robot.n_a == robot.n:
+        torques = solve(M, w)  # (T, n_a, k)
+    else:  # least in norm on the motor side
+        torques = robot.gear_ratio[:, None] * least_motor_torques(robot, M * robot.gear_ratio, w)
+    return torques.transpose(2, 0, 1), of_tree, of_motors
 
 
 def loop_multipliers(
@@ -285,7 +299,7 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
     # changes are rows, so slopes are transposed and on the right; the mass matrix is symmetric
     changed = changes.accelerations @ mass
-    rate_changes = np.stack([changes.v, dq])  # by steps of positions; dq also by unit steps of rates
+    rate_changes = np.array([changes.v, dq])  # by steps of positions; dq also by unit steps of rates
     changed[:2] += rate_changes @ by_v.swapaxes(1, 2)
     changed[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions alone change positions
     return changed

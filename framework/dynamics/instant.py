@@ -28,6 +28,7 @@ import pinocchio as pin
 
 from framework.dynamics.forces import Forces, mass_matrices, motor_torque
 from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.couplings import coupling_jacobian
 from framework.kinematics.external_wrenches import (
     applied_wrench,
     check_frame,
@@ -273,7 +274,8 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     signs = frames.carried[rows.second] - frames.carried[rows.first]  # (rows, nv)
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]  # (T, 6, columns)
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
-    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]  # couplings have no wrench
+    if rows.has_couplings:  # these have no wrench
+        jacobian += coupling_jacobian(rows, frames.q, robot.nv)[:, :, columns]
 
     # solve in radians and robot lengths, so that the rank and the least norm do not depend on units
     loop_forces = r[:, columns].copy()  # J' lambda
@@ -332,7 +334,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
     """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
 
-    The torque on the second joint is minus the ratio times this torque.
+    The torque on another joint is minus the derivative of q_joint along that joint times this torque.
 
     Args:
         loops: unit wrenches and multipliers of all loop equations.

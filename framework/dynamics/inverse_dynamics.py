@@ -18,19 +18,20 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
+    Checkpoints,
     LawChoice,
     Pass,
     assess_deflections,
     pass_at_rest,
     solve_deflections,
 )
-from framework.dynamics.forces import motor_torque
+from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.motion_checks import (
     MissingForces,
     check_idle_joints,
+    check_instants,
     find_missing_forces,
     measure_residuals,
-    node_midpoints,
     unresolved_error,
     unseen_near_miss,
     unsettled_error,
@@ -47,6 +48,7 @@ from framework.dynamics.singularity_crossings import (
     find_crossed_points,
     measure_crossings,
     panel_edges,
+    probe_instants,
 )
 from framework.errors import (
     InvalidInput,
@@ -234,7 +236,7 @@ def resolve(
             continue
 
         # series of torques and deflections, with the tail that decides whether the grid is fine enough
-        result = refinement.evaluate(solution)
+        result, checkpoints = refinement.evaluate(solution)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
             if refinement.is_hopeless:
@@ -242,7 +244,7 @@ def resolve(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(searched.branch, solution, result)
+        missing = find_missing_forces(robot, solution, checkpoints)
         result = measure_residuals(solution, result, missing)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
@@ -336,7 +338,7 @@ class _Refinement:
                 raise
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion; use stiffer springs or geometry rigid ({failure})",
+                f"this motion ({failure})",
                 residual=failure.residual,
             ) from None
         self.passes += solution.passes
@@ -351,7 +353,7 @@ class _Refinement:
         branch = self.searched.branch
         # with rigid geometry the torques' series are checked at the same instants
         is_rigid = self.geometry == "rigid"
-        others = node_midpoints(grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
+        others = check_instants(branch.robot, grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
         at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
         if self.crossed and not self.crossings_at_rest:
             assert at_rest.checkpoints is not None
@@ -376,8 +378,10 @@ class _Refinement:
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, solution: Pass) -> InverseDynamics:
+    def evaluate(self, solution: Pass) -> tuple[InverseDynamics, Checkpoints]:
         """Return the result on one grid, and store its certificate and crossings for the next grid.
+
+        The motion at checkpoints is returned, too; for a grid that is too coarse at crossings alone.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
@@ -423,9 +427,22 @@ class _Refinement:
         )
         self.certificates.append(certificate)
         if self.geometry == "rigid":
-            return result
-        self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
-        return replace(result, crossings=self.crossings)
+            assert solution.checkpoints is not None
+            return result, solution.checkpoints
+        # the deformed robot beside its crossings, and at the instants of checks, as one stack
+        pairs = [probe_instants(crossing.time, result.duration) for crossing in self.crossings]
+        is_last = certificate.unresolved <= self.tolerance or grid.size >= SIZES[-1]
+        instants = check_instants(robot, grid) if is_last else np.empty(0)
+        times = np.concatenate([*pairs, instants])
+        if not len(times):
+            return result, Checkpoints(times, motion.select(slice(0)), np.empty((0, robot.nv)))
+        motion = result.motion(times)
+        every = Checkpoints(times, motion, tree_forces(robot, motion))
+        self.crossings = tuple(
+            deformed_crossing(result, crossing, every.select(slice(2 * k, 2 * k + 2)))
+            for k, crossing in enumerate(self.crossings)
+        )
+        return replace(result, crossings=self.crossings), every.select(slice(2 * len(pairs), None))
 
 
 def _check_result(

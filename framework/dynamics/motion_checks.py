@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import Pass, spring_scale
-from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
+from framework.dynamics.elasticity import Checkpoints, Pass, spring_scale
+from framework.dynamics.forces import joint_forces, loop_multipliers
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
@@ -170,10 +170,15 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     )
 
 
-def node_midpoints(grid: TimeGrid) -> Array:
-    """Return the instants (T,) [s] half-way between the nodes of each panel."""
-    middles = 0.5 * (grid.times[1:] + grid.times[:-1])
-    return middles[np.diff(grid.times) > 0.0]  # an inner edge is a node twice
+def check_instants(robot: ParallelRobot, grid: TimeGrid) -> Array:
+    """Return the instants (T,) [s] of checks: half-way between the nodes of each panel.
+
+    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
+    joints are checked on the nodes, too.
+    """
+    times = grid.times
+    middles = (0.5 * (times[1:] + times[:-1]))[times[1:] > times[:-1]]  # an inner edge is a node twice
+    return np.concatenate([middles, times]) if len(robot.structure.idle) else middles
 
 
 def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure | None:
@@ -199,29 +204,18 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
     return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def find_missing_forces(branch: Branch, solution: Pass, result: InverseDynamics) -> MissingForces:
-    """Compute the forces missing for balance between the nodes.
-
-    On the nodes the equations of all joints but the idle ones hold by construction. So robots with idle
-    joints are checked on the nodes, too.
+def find_missing_forces(robot: ParallelRobot, solution: Pass, checkpoints: Checkpoints) -> MissingForces:
+    """Compute the forces missing for balance at checkpoints.
 
     Args:
         solution: motion and forces on the nodes of the grid.
-        result: the series through them.
+        checkpoints: the motion at other instants.
 
     Raises:
         NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
     """
-    robot = branch.robot
     _check_dropped_rows(robot, solution)
-    needs_nodes = len(robot.structure.idle) > 0
-    if result.geometry == "rigid" and solution.checkpoints is not None and not needs_nodes:
-        times, motion, r = solution.checkpoints
-    else:
-        times = node_midpoints(solution.grid)
-        times = np.concatenate([times, solution.grid.times]) if needs_nodes else times
-        motion = evaluate_motion(branch, result, times)
-        r = tree_forces(robot, motion)
+    times, motion, r = checkpoints
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
     return MissingForces(times, torques, _residual_torques(robot, motion.linearised, r, torques))
 
@@ -368,8 +362,7 @@ def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
     return NotConverged(
         f"{robot.name}: no deflections found that hold the forces they cause: with "
         f"{solution.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
-        f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking; use stiffer "
-        f"springs, geometry rigid, or another law",
+        f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking",
         residual=solution.change,
     )
 

@@ -96,7 +96,7 @@ def _constant_sign_intervals(
 ) -> tuple[Array, Array]:
     """Return the ends (k,) [s] of intervals of constant sign of a motor's speed, and their signs (k - 1,).
 
-    The motion starts and stops smoothly, so the first and last samples may be zero; they belong to the
+    A motion that starts and stops smoothly has first and last samples that may be zero; they belong to the
     adjacent interval. So does a single zero sample. Two or more are a standstill, an interval of sign 0.
 
     Args:
@@ -114,7 +114,8 @@ def _constant_sign_intervals(
     moving = np.flatnonzero(sign)
     if not len(moving):
         return t[[0, -1]], np.zeros(1)
-    ends = [t[0]]
+    # friction acts at an end in motion, too: its interval goes on beyond
+    ends = [-np.inf if sign[0] else t[0]]
     signs = [sign[moving[0]]]
     for i, j in pairwise(moving):  # successive samples at which the motor moves
         if j - i > 2:  # a standstill between samples i and j
@@ -123,4 +124,4 @@ def _constant_sign_intervals(
         elif sign[i] != sign[j]:
             ends.append(brentq(motor_speed, t[i], t[j], xtol=1e-15 * t[-1]))
             signs.append(sign[j])
-    return np.array([*ends, t[-1]]), np.array(signs)
+    return np.array([*ends, np.inf if sign[-1] else t[-1]]), np.array(signs)

@@ -210,7 +210,7 @@ def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: flo
     """
     return NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; {stiffer_springs}; use stiffer springs, geometry rigid, or another law",
+        f"tried or one near it; {stiffer_springs}",
         residual=residual,
     )
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elasticity import Pass
+from framework.dynamics.elasticity import Checkpoints, Pass
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
@@ -240,12 +240,21 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
+def probe_instants(t: float, duration: float, *, probe: float = 1e-6) -> list[float]:
+    """Return the instant t [s] of a crossing and one beside it, towards the middle, for the slope of g.
+
+    Args:
+        probe: their distance, as a share of the duration.
+    """
+    return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]
+
+
 def deformed_crossing(
     result: InverseDynamics,
     at_rest: SingularityCrossing,
+    probes: Checkpoints,
     *,
     law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
-    probe: float = 1e-6,  # of the duration: an instant beside the crossing, for the slope of g
 ) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
@@ -256,6 +265,7 @@ def deformed_crossing(
         result: the motion of the deformed robot.
         at_rest: the crossing of the undeformed robot, at which the search begins. Its twist decides the sign
             of t_s.
+        probes: the motion at the `probe_instants` of this crossing.
     """
     robot = result.robot
 
@@ -263,24 +273,21 @@ def deformed_crossing(
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = at_rest.time
-    step = math.copysign(probe * result.duration, 0.5 * result.duration - t)  # towards the middle
-    motion = result.motion([t, t + step])
+    (t, aside), motion, r = probes
     P = type2_matrix(robot, motion.linearised)  # (2, n, n)
     g, beside = solve_bordered(P, Border.of(P[0])).g.tolist()
     if abs(g) > law_root_rounding:
         t = root_of_g(matrices, t, high=result.duration).place
         motion = result.motion(t)
-    elif (
-        abs(beside) > 100.0 * law_root_rounding
-    ):  # else the path touches the locus, and the slope is rounding
-        t -= step * g / (beside - g)
+        r = tree_forces(robot, motion)
+    elif abs(beside) > 100.0 * law_root_rounding:  # else the path touches the locus, the slope is rounding
+        t -= (aside - t) * g / (beside - g)
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
-    wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
+    wrench = float(r[0] @ uncontrolled.motion) * sign
     return SingularityCrossing(
-        time=t,
+        time=float(t),
         s=float(result.law(np.array([t]))[0]),
         platform=result.platform(t),
         twist=sign * uncontrolled.twist,

@@ -23,6 +23,7 @@ Source: MuJoCo's documentation, chapter "XML Reference". Loops are as stiff as t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
@@ -35,7 +36,7 @@ from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
-from framework.model.description import Closure, locked_axes
+from framework.model.description import MAX_DEGREE, Closure, Coupling, locked_axes
 from framework.model.loop_rows import loop_rows
 from framework.model.placement import to_quaternion, unit_vector
 from framework.model.urdf_edits import vector_text
@@ -260,7 +261,7 @@ def _add_loops(
             first, second = (positions[end] for end in closure.frames)
             excess = closure.length - float(np.linalg.norm(second - first))
             # length = length in the zero pose + excess
-            _add_polynomial(equality, "tendon", {"name": closure.name, "tendon1": closure.name}, excess, 0.0)
+            _add_polynomial(equality, "tendon", {"name": closure.name, "tendon1": closure.name}, [excess])
             continue
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
@@ -271,18 +272,43 @@ def _add_loops(
             _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))
 
     for coupling in robot.description.couplings:
-        joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
-        _add_polynomial(equality, "joint", joints, coupling.offset, coupling.ratio)
+        _add_coupling(equality, tendons, coupling)
 
     if len(tendons):
         root.append(tendons)
 
 
+def _add_coupling(equality: Element, tendons: Element, coupling: Coupling) -> None:
+    """Add the equality of a coupling: a polynomial in one joint, or a tendon with the sum of several.
+
+    Raises:
+        InvalidInput: the coupling has a product of different joints, or powers of one joint beside others.
+    """
+    coefficients = [coupling.offset, coupling.ratio, *[0.0] * (MAX_DEGREE - 1)]  # of powers of q_of
+    if len(coupling.joints) == 2:
+        for product, coefficient in coupling.terms:
+            coefficients[len(product)] += coefficient
+        joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
+        _add_polynomial(equality, "joint", joints, coefficients)
+    elif coupling.is_linear:
+        tendon = SubElement(tendons, "fixed", name=coupling.name)
+        for product, factor in coupling.equation.items():
+            if product and factor:
+                SubElement(tendon, "joint", {"joint": product[0], "coef": repr(float(factor))})
+        members = {"name": coupling.name, "tendon1": coupling.name}
+        _add_polynomial(equality, "tendon", members, [coupling.offset])
+    else:
+        raise InvalidInput(
+            f"MuJoCo has no equality for coupling {coupling.name!r} of {', '.join(coupling.joints)} (valid: "
+            f"a polynomial in one joint, or a sum of several)"
+        )
+
+
 def _add_polynomial(
-    equality: Element, tag: str, members: dict[str, str], offset: float, ratio: float
+    equality: Element, tag: str, members: dict[str, str], coefficients: Sequence[float]
 ) -> None:
-    """Add the equality of a joint or tendon with offset + ratio times another one."""
-    polynomial = {"polycoef": vector_text([offset, ratio, 0, 0, 0])}
+    """Add the equality of a joint or tendon with a polynomial in another one, of at most 5 coefficients."""
+    polynomial = {"polycoef": vector_text([*coefficients, *[0] * (5 - len(coefficients))])}
     SubElement(equality, tag, members | polynomial | HARD_EQUALITY)
 
 

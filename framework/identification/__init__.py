@@ -15,6 +15,7 @@ declares their units and signs.
     least_squares    their solution, with the covariance of their own noise
     possible_bodies  bodies that can exist, nearest to the solution
     geometry         errors of joint origins and of lengths, and equations for these errors
+    fixtures         points and planes from which poses are measured
 """
 
 from framework.lazy_names import lazy_names

@@ -11,6 +11,7 @@ from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.combinations import Combinations
 from framework.identification.conversions import Conversions
 from framework.identification.excite import Excitation, PeriodicMotion, excite
+from framework.identification.fixtures import Fixture
 from framework.identification.geometry import Geometry, Measurements, parametrise_geometry
 from framework.identification.identify import Identification, IdentifiedQuantity, Prediction, identify
 from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
@@ -21,6 +22,7 @@ __all__ = [
     "Combinations",
     "Conversions",
     "Excitation",
+    "Fixture",
     "Geometry",
     "Identification",
     "IdentifiedQuantity",

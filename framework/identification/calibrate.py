@@ -31,10 +31,11 @@ from framework.identification.geometry import (
     eliminate_poses,
     measurement_offsets,
     parametrise_geometry,
+    place_fixtures,
     select_measurements,
     sensor_slopes,
 )
-from framework.identification.recording import HELD_OUT_EVERY, Recording
+from framework.identification.recording import HELD_OUT_EVERY, TOUCH, Recording
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.frames import frames_at, integrate_columns
@@ -139,7 +140,8 @@ def calibrate(
         data: a recording of motor angles and of platform coordinates or angles of other joints; or the name
             of its file.
         joints: joints whose origins are calibrated, and closures whose lengths are; by default all lengths,
-            and all joints between the base and the frames of the platform and of closures.
+            and all joints between the base and the frames of the platform and of closures. Or names of
+            numbers under `parameters:` of the robot file, on which these depend.
         noise: standard deviations of measurements by kind: `motor_angle`, `joint`, `platform` [rad, m].
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         conversions: units, signs and exchanged columns of the data.
@@ -162,7 +164,8 @@ def calibrate(
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     _refuse_mistaken_columns(geometry, data, {**NOISE, **noise})
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
-    prior = np.where(geometry.turning, angle_error, length_error)  # (p,) standard deviations
+    geometry = place_fixtures(geometry, measured, q)
+    prior = geometry.prior(length_error, angle_error)  # (p,) standard deviations
 
     # fit the parameters to three quarters of the instants
     training = measured.select_instants(~is_test)
@@ -226,14 +229,19 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         """Compute the mean squared offset of measurements from the model, over their squared spread."""
         measured = select_measurements(geometry, recording, noise)
         q = _solve_poses(geometry.model, measured)
-        offset = measurement_offsets(geometry.model, measured, frames_at(geometry.model, q)).offset
+        placed = place_fixtures(geometry, measured, q)
+        frames = frames_at(geometry.model, q)
+        start = np.zeros(len(placed.names))
+        offset = measurement_offsets(placed, geometry.model, measured, frames, start).offset
         spread = measured.values.std(axis=0)  # (m,)
+        touches = [name.startswith(TOUCH) for name in measured.names]
+        spread[touches] = geometry.robot.length  # they are all about zero
         squares = [
             np.mean((part / measured.noise)[..., geometry.model.n_a :] ** 2) for part in (offset, spread)
         ]
         return float(squares[0] / squares[1])
 
-    refuse_mistaken_columns(data, ("motor_angle", "joint", "platform"), misfit)
+    refuse_mistaken_columns(data, ("motor_angle", "joint", "platform", "distance"), misfit)
 
 
 def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
@@ -284,7 +292,7 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
     """
     model = geometry.with_lengths(values)
     motor_steps = measured.values[:, : model.n_a] - model.actuated_coordinates(q)
-    start = _move_poses(model, q, model.actuated, motor_steps, values)
+    start = _move_poses(model, q, model.actuated, motor_steps, geometry.dimensions(values))
     poses = close_at_motors(model, start, np.zeros((len(q), model.model.nv)), start)
     if not poses.closed.all():
         worst = np.argmin(poses.closed)
@@ -293,14 +301,15 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
             f"motor angles; these data are of another robot, or the file is too far off",
             residual=float(poses.linearised.gap[worst]),
         )
-    offset = measurement_offsets(model, measured, poses.linearised.frames).offset  # (T, m)
+    frames = poses.linearised.frames
+    offset = measurement_offsets(geometry, model, measured, frames, values).offset  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
 
 
 def _move_poses(model: ParallelRobot, q: Array, columns: IntArray, steps: Array, change: Array) -> Array:
-    """Move columns (k,) of q (T, nq) by steps (T, k), and the parameters by a change (p,).
+    """Move columns (k,) of q (T, nq) by steps (T, k), and the dimensions by a change (g,).
 
-    The first parameters are the elastic columns of the model, the others are no joints.
+    The first dimensions are the elastic columns of the model, the others are no joints.
     """
     parameter_steps = np.tile(change[: model.n_e], (len(q), 1))
     columns = np.concatenate([columns, model.elastic])
@@ -325,12 +334,13 @@ def _describe_unseen(
     """
     model = geometry.model
     slopes = sensor_slopes(model, q)
+    to_dimensions = geometry.slopes(np.zeros(len(geometry.names)))
     unused = [name for name in slopes if name not in measured.names]
     sentences = []
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
         motion[:, model.joints] = equations.joint_slopes @ direction  # keeps the loops closed
-        motion[:, model.elastic] = direction[: model.n_e]
+        motion[:, model.elastic] = (to_dimensions @ direction)[: model.n_e]
         # a sensor shows the direction if its value changes by more than rounding
         rounding = COEFFICIENT_ROUNDING * np.abs(motion / model.column_scale).max()
         changes = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
@@ -404,8 +414,9 @@ class GaussNewton:
             # step the parameters, and the joints with them
             change = self._damped_step(equations, damping)  # (p,)
             joint_steps = equations.joint_step + equations.joint_slopes @ change
-            q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
+            moved = self.geometry.dimensions(values) - self.geometry.dimensions(self.values)
+            q = _move_poses(self.model, self.q, self.model.joints, joint_steps, moved)
             next_equations = eliminate_poses(self.geometry, self.measured, q, values)
 
             # the cost must not rise by more than rounding

@@ -28,6 +28,8 @@ UNITS = {  # SI values of the units that the columns of a kind may have; the fir
     "torque": _TORQUE,
     "platform": _POSITION,
     "joint": _POSITION,
+    "distance": _POSITION,
+    "touch": _POSITION,
 }
 
 

@@ -4,6 +4,8 @@ Each joint between the base and a frame of the platform or of a closure, fixed j
 parameters: translations along the axes of its origin, then rotations about them. Each is a virtual joint,
 like that of a spring. So the equations of the robot with these joints also give derivatives with respect to
 the parameters. The length of a `distance` closure is a parameter as well: it is in the constant of the row.
+These are the dimensions of the robot. Parameters are the dimensions themselves or, by name, numbers of the
+robot file's `parameters`, on which dimensions depend; three numbers of each fixture (`fixtures`) come behind.
 
 At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
 plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = closing_step + joint_slopes dp +
@@ -14,7 +16,7 @@ noise of motors like that of the platform.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
@@ -22,7 +24,8 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 import numpy as np
 
 from framework.errors import InvalidInput, check_choice
-from framework.identification.recording import LINEAR_AXES, Recording
+from framework.identification.fixtures import Fixture, find_fixtures
+from framework.identification.recording import DISTANCE, LINEAR_AXES, TOUCH, Recording
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -31,6 +34,7 @@ from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.documents import child_element, read_origin, remove_children
 from framework.model.loop_rows import LoopRows
 from framework.model.placement import placement, rotation_about
+from framework.model.robot_file import read_robot_file
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
@@ -41,17 +45,57 @@ PLACED = "placed"  # suffix of the fixed joint that takes over the origin of a m
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot with p errors of joint origins, then of the lengths of closures, as parameters."""
+    """A robot with p parameters, by which its g dimensions are off: joint origins, then lengths of closures.
+
+    The parameters are the dimensions, or the `numbers` of the robot file, then three for each fixture.
+    """
 
     robot: ParallelRobot
     model: ParallelRobot  # the robot with an elastic virtual joint for each parameter of an origin
     joints: Names  # joints whose origins have errors
     lengths: Names  # closures whose lengths have errors
     names: Names  # (p,) names of the parameters, JOINT.x .. JOINT.rz, CLOSURE.length
-    turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
+    turning: np.ndarray  # (g,) true for an angle [rad], false for a length [m]
+    numbers: Names = ()  # parameters of the robot file that are calibrated in place of dimensions
+    fixtures: tuple[Fixture, ...] = ()
+
+    def with_fixtures(self, fixtures: tuple[Fixture, ...]) -> Geometry:
+        """Return the geometry with the parameters of fixtures behind its own."""
+        names = (*self.names, *(name for fixture in fixtures for name in fixture.names))
+        return replace(self, names=names, fixtures=fixtures)
+
+    def dimensions(self, values: Array) -> Array:
+        """Compute errors of the dimensions (g,) for changes of the parameters (p,)."""
+        if not self.numbers:
+            return values[: len(self.turning)]
+        changes = dict(zip(self.numbers, values[: len(self.numbers)].tolist(), strict=True))
+        return _dimensions_with(self.robot.description, self.joints, self.lengths, changes)
+
+    def slopes(self, values: Array) -> Array:
+        """Compute the derivatives (g, p) of the dimensions with respect to the parameters (p,)."""
+        slopes = np.eye(len(self.turning), len(self.names))
+        for k, step in enumerate(_steps(self.robot.description, self.numbers)):
+            change = step * np.eye(len(values))[k]
+            difference = self.dimensions(values + change) - self.dimensions(values - change)
+            slopes[:, k] = difference / (2.0 * step)
+        return slopes
+
+    def prior(self, length_error: float, angle_error: float) -> Array:
+        """Return standard deviations (p,) of the file's parameters, from those of lengths and angles.
+
+        The number of a file is off by as much as brings a dimension to its deviation. Of a fixture nothing is
+        known but that it is no farther than the robot is long.
+        """
+        deviations = np.where(self.turning, angle_error, length_error)  # (g,)
+        own = deviations
+        if self.numbers:
+            slopes = self.slopes(np.zeros(len(self.names)))[:, : len(self.numbers)]
+            own = 1.0 / np.abs(slopes / deviations[:, None]).max(axis=0)
+        return np.concatenate([own, *(np.full(3, fixture.length) for fixture in self.fixtures)])
 
     def description(self, values: Array) -> RobotDescription:
         """Return the robot's description with origins and lengths changed by parameters (p,)."""
+        values = self.dimensions(values)
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
         elements = elements_by_name(urdf, "joint")
@@ -75,7 +119,7 @@ class Geometry(ReadOnlyArrays):
         With the weight 1 / 2 L of the file's length L, the constant of the row (d.d - length^2) / 2 L is
         length^2 / 2 L.
         """
-        changes = dict(zip(self.lengths, values[6 * len(self.joints) :], strict=True))
+        changes = dict(zip(self.lengths, self.dimensions(values)[6 * len(self.joints) :], strict=True))
         if not changes:
             return self.model
 
@@ -110,7 +154,8 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
 
     Args:
         joints: names of joints, or of closures with a length; by default all these closures, and all joints
-            between the base and the frames of the platform and of closures.
+            between the base and the frames of the platform and of closures. Or names of parameters of the
+            robot file, which then are the only ones.
 
     Raises:
         InvalidInput: a name is not one of these.
@@ -121,8 +166,11 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     # choose joints that exist, in the order of the URDF
     candidates = _joints_to_frames(description, elements)
     with_length = [closure.name for closure in description.closures if closure.length is not None]
+    numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
-        check_choice("joint", name, [*candidates, *with_length])
+        check_choice("joint", name, [*candidates, *with_length, *description.parameters])
+    if numbers:
+        joints = _dependent_dimensions(description, numbers, candidates, with_length)
     lengths = tuple(name for name in with_length if joints is None or name in joints)
     chosen = tuple(name for name in candidates if joints is None or name in joints)
 
@@ -141,12 +189,80 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
         joints=chosen,
         lengths=lengths,
-        names=(
+        names=numbers
+        or (
             *(f"{name}.{axis}" for name in chosen for axis in AXES),
             *(f"{name}.length" for name in lengths),
         ),
+        numbers=numbers,
         turning=np.array([axis.startswith("r") for axis in AXES] * len(chosen) + [False] * len(lengths)),
     )
+
+
+def _steps(description: RobotDescription, numbers: Names) -> list[float]:
+    """Return steps of differences by parameters of the robot file."""
+    return [1e-6 * max(abs(description.parameters[name]), 1e-2) for name in numbers]
+
+
+def _dimensions_with(
+    description: RobotDescription, joints: Names, lengths: Names, changes: Mapping[str, float]
+) -> Array:
+    """Read the dimensions (g,) of the file with changed parameters, minus those of the description."""
+    other = read_robot_file(
+        description.file,
+        {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()},
+    )
+    ours, theirs = (elements_by_name(fromstring(one.urdf_text), "joint") for one in (description, other))
+    moves = []
+    for name in joints:
+        before, after = (read_origin(elements[name], f"joint {name!r}") for elements in (ours, theirs))
+        move = np.linalg.solve(before, after)  # (4, 4)
+        R = move[:3, :3]  # of rotations about x, y, z in turn
+        y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
+        moves.append([*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
+    closures = [
+        {closure.name: closure.length or 0.0 for closure in one.closures} for one in (other, description)
+    ]
+    changed = [closures[0][name] - closures[1][name] for name in lengths]
+    return np.concatenate([*map(np.array, moves), changed])
+
+
+def _dependent_dimensions(
+    description: RobotDescription, numbers: Names, joints: Sequence[str], lengths: Sequence[str]
+) -> list[str]:
+    """Return the joints and closures whose dimensions depend on parameters of the robot file.
+
+    Raises:
+        InvalidInput: a parameter changes no dimension, or something that is none, such as a gear ratio.
+    """
+    depend: set[str] = set()
+    for name, step in zip(numbers, _steps(description, numbers), strict=True):
+        change = {name: step}
+        values = _dimensions_with(description, tuple(joints), tuple(lengths), change)
+        moves, changes = np.split(values, [6 * len(joints)])
+        moved = [j for j, move in zip(joints, moves.reshape(-1, 6), strict=True) if np.abs(move).max() > 0.0]
+        moved += [closure for closure, length in zip(lengths, changes, strict=True) if length]
+        other = read_robot_file(
+            description.file, {**description.parameters, name: description.parameters[name] + step}
+        )
+        if not moved or _other_geometry(other) != _other_geometry(description):
+            what = "gear ratios, axes or couplings too" if moved else "no joint origin and no length"
+            raise InvalidInput(
+                f"{description.name}: the parameter {name} changes {what}; calibrate joints in its place"
+            )
+        depend.update(moved)
+    return [name for name in (*joints, *lengths) if name in depend]
+
+
+def _other_geometry(description: RobotDescription) -> object:
+    """Return all that decides poses besides joint origins and lengths of closures."""
+    axes = [
+        (joint.get("name"), "".join(axis.get("xyz", "") for axis in joint.findall("axis")))
+        for joint in fromstring(description.urdf_text).findall("joint")
+    ]
+    gears = [(motor.joint, motor.gear_ratio) for motor in description.actuators]
+    closures = [replace(closure, length=closure.length and 1.0) for closure in description.closures]
+    return axes, gears, closures, description.couplings, description.platform
 
 
 def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
@@ -219,8 +335,8 @@ def _move_origin(joint: Element, move: Array) -> None:
 class Measurements(ReadOnlyArrays):
     """m measurements at each of T instants, on the joint side of gears.
 
-    In this order: the n_a joints of motors, other joints with encoders, coordinates of the platform, and
-    positions of the platform's frame that are no coordinates.
+    In this order: the n_a joints of motors, other joints with encoders, coordinates of the platform,
+    positions of the platform's frame that are no coordinates, and offsets from fixtures.
     """
 
     names: Names  # (m,) columns of the recording
@@ -249,23 +365,24 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     """
     robot = geometry.robot
     model = geometry.model
+    fixed = [name for name in data.names if name.startswith((DISTANCE, TOUCH))]
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
     # measured coordinates of the platform, and positions of its frame that are no coordinates
     axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
     positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
-    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
+    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions), *fixed]  # without motors
     if not names:
         raise InvalidInput(
             f"{data.source}: motor angles alone do not determine the geometry; platform_"
-            f"{robot.axis_names[0]} or angles of other joints are needed"
+            f"{robot.axis_names[0]}, {DISTANCE}NAME, {TOUCH}z or angles of other joints are needed"
         )
     axis_indices = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
     deviations = [  # of motors, encoders, coordinates and positions, like all columns
         *(noise["motor_angle"] / np.abs(robot.gear_ratio)),
         *[noise["joint"]] * len(encoders),
         *(noise["platform"] * robot.platform_scale[axis_indices] / robot.length),
-        *[noise["platform"]] * len(positions),
+        *[noise["platform"]] * (len(positions) + len(fixed)),
     ]
     return Measurements(
         names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
@@ -305,18 +422,34 @@ class MeasuredOffsets(NamedTuple):
 
     offset: Array  # (T, m)
     slope: Array  # (T, m, nv) derivatives along all joints, those of the parameters included
+    by_fixtures: Array  # (T, m, 3 fixtures) derivatives along the parameters of the fixtures
 
 
-def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute offsets of the model from measurements at T instants, and slopes along all joints.
+def place_fixtures(geometry: Geometry, measured: Measurements, q: Array) -> Geometry:
+    """Return the geometry with the fixtures of the measurements, where the poses q (T, nq) have them."""
+    columns = tuple(name for name in measured.names if name.startswith((DISTANCE, TOUCH)))
+    points = frames_at(geometry.model, q).platform_origin
+    values = measured.values[:, len(measured.names) - len(columns) :]
+    return geometry.with_fixtures(find_fixtures(columns, points, values, geometry.robot.length))
 
-    The m offsets of an instant are in the order of `Measurements`. `frames` are those of T poses.
+
+def measurement_offsets(
+    geometry: Geometry, model: ParallelRobot, measured: Measurements, frames: FrameStack, values: Array
+) -> MeasuredOffsets:
+    """Compute offsets of the model from measurements at T instants, and slopes along joints and parameters.
+
+    The m offsets of an instant are in the order of `Measurements`.
+
+    Args:
+        model: of the geometry, with the lengths of its closures.
+        frames: those of T poses.
+        values: (p,) parameters.
     """
     joints = measured.columns
     axes = measured.axes
     positions = measured.positions
-    ends = np.cumsum([len(joints), len(axes)])  # the first columns of the platform, and of its positions
-    joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
+    ends = np.cumsum([len(joints), len(axes), len(positions)])  # the first columns of each kind but the first
+    joint_values, x_values, position_values, fixed_values = np.split(measured.values, ends, axis=1)
     # measured platform coordinates (T, n), with the model's values for those that are not measured
     # (`residual` needs all coordinates)
     x = model.platform.coordinates(frames)
@@ -331,7 +464,16 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
         model.platform.jacobian(frames)[:, axes],
         frames.frame_jacobian()[:, positions],
     ]
-    return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1))
+    T, m = measured.values.shape
+    by_fixtures = np.zeros((T, m, 3 * len(geometry.fixtures)))
+    moves = values[len(geometry.names) - by_fixtures.shape[2] :].reshape(-1, 3)
+    for k, (fixture, move) in enumerate(zip(geometry.fixtures, moves, strict=True)):
+        off, by_point, by_fixtures[:, ends[-1] + k, 3 * k : 3 * k + 3] = fixture.offsets(
+            frames.platform_origin, fixed_values[:, k], move
+        )
+        offset.append(off[:, None])
+        slope.append(by_point[:, None] @ frames.frame_jacobian()[:, :3])
+    return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1), by_fixtures)
 
 
 class ParameterEquations(NamedTuple):
@@ -350,7 +492,7 @@ def eliminate_poses(
 ) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    The p parameters are the elastic joints of the model, then lengths. After steps dp of them and z (T, f)
+    The dimensions are the elastic joints of the model, then lengths. After steps dp of them and z (T, f)
     along the f free motions of the closed loops, the offsets over their noise are r + A dp + B z. Least
     squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and
     Pereyra 1973).
@@ -365,13 +507,18 @@ def eliminate_poses(
     loops = _solve_linear_loops(geometry, model, frames)
 
     # the offsets over their noise, and their slopes along joints and parameters
-    measurements = measurement_offsets(model, measured, frames)
+    measurements = measurement_offsets(geometry, model, measured, frames, values)
     slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv)
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
     r = measurements.offset / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
     # a parameter acts directly, and through the joints that move to keep the loops closed
-    A = by_joints @ loops.joint_slopes  # (T, m, p)
+    A = by_joints @ loops.joint_slopes  # (T, m, g)
     A[:, :, : len(model.elastic)] += slopes[:, :, model.elastic]
+    to_dimensions = geometry.slopes(values)  # (g, p)
+    A = A @ to_dimensions  # (T, m, p)
+    A[:, :, len(geometry.names) - measurements.by_fixtures.shape[2] :] += (
+        measurements.by_fixtures / measured.noise[:, None]
+    )
     B = by_joints @ loops.free_motions  # (T, m, f)
 
     # eliminate z
@@ -382,29 +529,30 @@ def eliminate_poses(
         residual=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,
         loop_residual=loops.loop_residual,
-        loop_slopes=loops.loop_slopes,
+        loop_slopes=loops.loop_slopes @ to_dimensions,
         joint_step=scale * (loops.closing_step - np.matvec(loops.free_motions, minus_z)),
-        joint_slopes=scale[:, None] * (loops.joint_slopes - loops.free_motions @ minus_z_slope),
+        joint_slopes=scale[:, None]
+        * (loops.joint_slopes @ to_dimensions - loops.free_motions @ minus_z_slope),
     )
 
 
 class _LinearLoops(NamedTuple):
     """Solutions of the linearised loops for k joints, [rad, robot lengths].
 
-    They are dq = closing_step + joint_slopes dp + free_motions z, with any z (f,).
+    They are dq = closing_step + joint_slopes dg + free_motions z, any z (f,), for steps dg of dimensions.
     """
 
     closing_step: Array  # (T, k) of least norm that closes the loops at constant parameters
-    joint_slopes: Array  # (T, k, p) steps that keep the loops closed for unit steps of the parameters
+    joint_slopes: Array  # (T, k, g) steps that keep the loops closed for unit steps of the dimensions
     free_motions: Array  # (T, k, f) orthonormal motions that keep the loops closed
     loop_residual: Array  # (T, rows) of loop equations that no joint can close, over LOOP_GAP
-    loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
+    loop_slopes: Array  # (T, rows, g) derivatives of `loop_residual` along the dimensions
 
 
 def _solve_linear_loops(geometry: Geometry, model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
 
-    F_q and F_p are the derivatives of the r loop equations along the k joints and the p parameters. The first
+    F_q and F_p are the derivatives of the r loop equations along the k joints and the g dimensions. The first
     columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns of V are
     the free motions. The other columns of U are the combinations of loop equations that no joint can close.
     """
@@ -414,7 +562,7 @@ def _solve_linear_loops(geometry: Geometry, model: ParallelRobot, frames: FrameS
     jacobian = weights[:, None] * loops.jacobian
     F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
     by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(frames.q), 1, 1))
-    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2)  # (T, r, p)
+    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2)  # (T, r, g)
     U, S, V_rows = np.linalg.svd(F_q)
     rank = len(model.structure.independent)
     U_rows = U.swapaxes(1, 2)

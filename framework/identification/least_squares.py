@@ -4,7 +4,8 @@ The noise of a motor is an autoregressive process, n(t) = sum of phi_k n(t - k) 
 currents, ripple, filters of the drive and what the model leaves out make it coloured. The residuals of a fit
 give phi and the variance of e; equations filtered by 1 - sum of phi_k z^-k have white noise, and are solved
 again (feasible generalised least squares; Cochrane and Orcutt 1949). The order has the least Bayesian
-information criterion (Schwarz 1978).
+information criterion (Schwarz 1978). Errors of the motion reach several motors at once: the inverse Cholesky
+factor of the correlation of the white noise between motors makes their equations independent.
 
 Noise of the motion adds its own information E' E to the information A' A of rows A, and pulls parameters
 towards zero where its share is large. With A = Q R and the singular values e and right vectors V of E R^-1,
@@ -18,7 +19,7 @@ columns of these errors first eliminates the errors: R of the other columns is t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -31,6 +32,8 @@ from framework.tolerances import RANK_ROUNDING
 
 SENSOR_ERRORS = {"scale": 0.005, "offset": 0.0, "delay": 0.0}
 """Standard deviations of sensor errors: shares of a torque, shares of its root mean square, seconds."""
+
+MIN_CORRELATED = 100  # instants for each motor from which correlations between motors are estimated
 
 
 class Estimate(NamedTuple):
@@ -88,6 +91,7 @@ def estimate(
     f = matrix.shape[2]
     motors = range(misfit.shape[1])
     noise_filters = [np.ones(1) for _ in motors]
+    unmix = np.eye(len(motors))
     weights = np.ones_like(misfit)  # (T, n_a)
     predicted = rows.torque
     for k in range(passes):
@@ -95,7 +99,7 @@ def estimate(
         s = sensors.shape[2]
         columns = np.concatenate([noise_matrix, sensors, matrix, misfit[..., None]], axis=2)
         columns *= np.sqrt(rows.independent) * weights[..., None]
-        white = np.concatenate([_filter(columns[:, j], rows.valid[:, j], noise_filters[j]) for j in motors])
+        white = _whiten(columns, rows.valid, noise_filters, unmix)
         E, A_and_b = np.split(white, [f], axis=1)
         prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, f + 1))])
         R = np.asarray(np.linalg.qr(np.concatenate([prior, A_and_b]), mode="r"))
@@ -112,6 +116,8 @@ def estimate(
             weights = _weights(residual, rows)
             series = zip((weights * residual).T, rows.valid.T, strict=True)
             noise_filters = [_noise_filter(*motor) for motor in series]
+            if rows.independent == 1.0:  # else motors repeat one another
+                unmix = _unmixing(weights * residual, rows.valid, noise_filters)
     offset = of_sensors[s - len(motors) :] if errors.get("offset") else np.zeros(len(motors))
     noise = np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1))
     order = max(map(len, noise_filters)) - 1
@@ -169,15 +175,38 @@ def _weights(residual: Array, rows: TorqueRows) -> Array:
     return weights
 
 
-def _filter(columns: Array, valid: BoolArray, noise_filter: Array) -> Array:
-    """Filter the columns (T, k) of one motor; keep the rows whose whole past in the filter is valid."""
-    order = len(noise_filter) - 1
-    count = len(columns) - order
-    filtered = sum(
-        weight * columns[order - lag : order - lag + count] for lag, weight in enumerate(noise_filter)
-    )
-    usable = np.all([valid[order - lag : order - lag + count] for lag in range(order + 1)], axis=0)
-    return np.asarray(filtered)[usable]
+def _whiten(columns: Array, valid: BoolArray, noise_filters: Sequence[Array], unmix: Array) -> Array:
+    """Filter columns (T, n_a, k) in time and between motors; return the usable rows (N, k)."""
+    filtered = [_filter(columns[:, j], valid[:, j], taps) for j, taps in enumerate(noise_filters)]
+    white = np.stack([values for values, _ in filtered])  # (n_a, T, k)
+    usable = np.stack([mask for _, mask in filtered])  # (n_a, T)
+    together = usable.all(axis=0)
+    white[:, together] = np.tensordot(unmix, white[:, together], axes=1)
+    return white[usable]
+
+
+def _unmixing(residual: Array, valid: BoolArray, noise_filters: Sequence[Array]) -> Array:
+    """Compute the inverse Cholesky factor (n_a, n_a) of the correlation of filtered residuals (T, n_a)."""
+    filtered = [_filter(residual[:, [j]], valid[:, j], taps) for j, taps in enumerate(noise_filters)]
+    together = np.all([usable for _, usable in filtered], axis=0)
+    white = np.stack([values[together, 0] for values, _ in filtered])  # (n_a, N)
+    if white.shape[1] < MIN_CORRELATED * len(white):
+        return np.eye(len(white))
+    lengths = np.linalg.norm(white, axis=1, keepdims=True)
+    white /= np.maximum(lengths, np.finfo(float).tiny)
+    return np.linalg.inv(np.linalg.cholesky(white @ white.T + RANK_ROUNDING * np.eye(len(white))))
+
+
+def _filter(columns: Array, valid: BoolArray, noise_filter: Array) -> tuple[Array, BoolArray]:
+    """Filter the columns (T, k) of one motor; return a mask (T,) of rows whose whole past is valid too."""
+    filtered = np.zeros_like(columns)
+    usable = np.ones(len(columns), dtype=bool)
+    count = len(columns)
+    for lag, weight in enumerate(noise_filter):
+        filtered[lag:] += weight * columns[: count - lag]
+        usable[lag:] &= valid[: count - lag]
+        usable[:lag] = False
+    return filtered, usable
 
 
 def _noise_filter(

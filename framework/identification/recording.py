@@ -1,7 +1,8 @@
 """Recorded motions: CSV files with the columns of motion.csv, read strictly, and simulated sensors.
 
-Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
-for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
+Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, distance_NAME
+and touch_AXIS (see `fixtures`), and joint_NAME for joints that have a sensor but no motor, in SI units and
+radians. Other columns are ignored.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from framework.tolerances import SAME_PLACE
 
 HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
 LINEAR_AXES = ("x", "y", "z")
+DISTANCE, TOUCH = "distance_", "touch_"  # prefixes of columns that refer to fixtures
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,7 @@ def recording_columns(robot: ParallelRobot) -> Names:
         *(f"motor_angle_{joint}" for joint in joints),
         *(f"torque_{joint}" for joint in joints),
         *(f"platform_{axis}" for axis in axes),
+        *(f"{TOUCH}{axis}" for axis in LINEAR_AXES),
         *(f"joint_{name}" for name in passive),
     )
 
@@ -120,7 +123,7 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
 
     # read the columns of this robot
-    columns = [k for k, name in enumerate(header) if name in valid]
+    columns = [k for k, name in enumerate(header) if name in valid or name.startswith(DISTANCE)]
     rows = []
     lines = []
     for line, cells in text_rows:

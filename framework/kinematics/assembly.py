@@ -216,6 +216,14 @@ def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str
     return f"; angles are in rad: {', '.join(turns)}" if turns else ""
 
 
+def move_closed(mechanism: Mechanism, q: Array, motion: Array) -> Array | None:
+    """Return the closed pose (nq,) after a motion (joints,) [rad, robot lengths] from q; None if open."""
+    joints = mechanism.joints
+    moved = integrate_columns(mechanism, q, joints, motion * mechanism.column_scale[joints])
+    closing = _close(mechanism, moved, joints)
+    return closing.q if closing.gap <= CLOSED_LOOP else None
+
+
 def nearby_configurations(
     mechanism: Mechanism,
     reference: Array,
@@ -243,16 +251,16 @@ def nearby_configurations(
         # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,) [rad, robot lengths]
-        step = distance * motion / np.abs(motion).max() * scale[joints]  # [rad, m]
-        closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
-
-        offset = difference(mechanism, reference, closing.q) / scale
+        q = move_closed(mechanism, reference, distance * motion / np.abs(motion).max())
+        if q is None:
+            continue
+        offset = difference(mechanism, reference, q) / scale
         length = np.linalg.norm(offset)
-        if closing.gap > CLOSED_LOOP or length <= FILE_ROUNDING:  # open, or the reference itself
+        if length <= FILE_ROUNDING:  # the reference itself
             continue
         direction = offset / length
         if all(abs(direction @ other) < same_direction_cosine for other in directions):
-            configurations.append(closing.q)
+            configurations.append(q)
             directions.append(direction)
         if len(configurations) == max_nearby:
             break

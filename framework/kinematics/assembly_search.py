@@ -29,6 +29,7 @@ from framework.kinematics.closures import (
     scale_jacobian,
     scaled_equations,
 )
+from framework.kinematics.couplings import coupling_pattern
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns, scratch_of
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
@@ -231,7 +232,7 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint moves a frame
     # (m, nv) whether a row depends on a joint, which then moves only one of the row's two bodies
     depends = mechanism.rows.joint_signs(carried) != 0.0
-    depends |= mechanism.rows.coupling_jacobian(mechanism.nv) != 0.0
+    depends |= coupling_pattern(mechanism.rows, mechanism.nv)
     depends[:, mechanism.elastic] = False
     shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row

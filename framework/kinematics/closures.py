@@ -22,6 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.couplings import (
+    coupling_derivatives,
+    coupling_drift,
+    coupling_force_changes,
+    coupling_jacobian,
+)
 from framework.kinematics.frames import (
     FrameMotions,
     FrameStack,
@@ -65,7 +71,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     # 1 if the joint carries only the second body of the row, -1 if only the first, 0 if both or neither
     jacobian = powers * rows.joint_signs(frames.carried)
     if rows.has_couplings:
-        jacobian += rows.coupling_jacobian(jacobian.shape[2])
+        jacobian += coupling_jacobian(rows, frames.q, jacobian.shape[2])
     return LoopEquations(residual, jacobian)
 
 
@@ -84,7 +90,7 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     a, b = row_factors(rows, frames.placements)
     residual = rows.weight * dot(a, b) - rows.constant
     if rows.has_couplings:
-        residual[:, rows.coupled] = rows.coupling_residual(frames.q)
+        residual[:, rows.coupled] = coupling_derivatives(rows, frames.q, 0)
     # force a and couple b x a, of which each row has one: the weight of the other is zero
     wrench = np.zeros((*a.shape[:2], 6))
     wrench[..., :3] = rows.force_weight[:, None] * a
@@ -115,16 +121,19 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     return np.concatenate(np.broadcast_arrays(force_change, moment_change), axis=-1)
 
 
-def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
-    """Compute the second time derivatives (..., m) of the loop equations for motions of the frames.
+def closure_drift(rows: LoopRows, motions: FrameMotions, q: Array, v: Array) -> Array:
+    """Compute the drift dJ/dt v (T, m) of loop equations at q (T, nq) and rates v (T, nv).
 
     With the `row_factors` a, b of a row, (a . b)" = a" . b + 2 a' . b' + a . b" is multiplied by the row's
-    weight. If the motions have no joint accelerations, the result is the drift dJ/dt v.
+    weight. The `motions` of the frames are those without joint accelerations.
     """
     (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
     terms = dda * b + 2.0 * da * db + a * ddb
     # added in this order, so that the sum does not depend on the size of the stack
-    return rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
+    drift: Array = rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
+    if rows.has_couplings:
+        drift[..., rows.coupled] = coupling_drift(rows, q, v)
+    return drift
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
@@ -230,11 +239,14 @@ def loop_force_changes(
 
     # changes of the wrenches, which move with their frames
     frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
-    changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
-    by_wrenches = dot(joint_shares[:, None] @ changes, screws[:, None])  # (T, k, nv)
+    of_wrenches = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
+    by_wrenches = dot(joint_shares[:, None] @ of_wrenches, screws[:, None])  # (T, k, nv)
 
     # changes of the screws: a joint moves with all joints that precede it
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # (T, k, nv, 6)
     carried_wrenches = joint_shares @ wrenches  # W_i (T, nv, 6)
     by_screws = dot(displacements, bracket_wrenches(screws, carried_wrenches)[:, None])
-    return by_wrenches + by_screws
+    changes = by_wrenches + by_screws
+    if rows.has_couplings:
+        changes += coupling_force_changes(rows, frames.q, multipliers, motions)
+    return changes

@@ -188,7 +188,7 @@ class FrameMotions(NamedTuple):
         """
         velocity = frame_velocities(twist, placements)
         acceleration = frame_velocities(twist_rate, placements) + turn_vectors(twist, velocity)
-        return FrameMotions(twist, twist_rate, np.stack([placements, velocity, acceleration]))
+        return FrameMotions(twist, twist_rate, np.array([placements, velocity, acceleration]))
 
 
 def frames_at(mechanism: Mechanism, q: Array, models: Iterable[pin.Model] | None = None) -> FrameStack:
@@ -245,7 +245,7 @@ def move_wrench(wrench: Array, arm: Array) -> Array:
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, v: Array) -> FrameMotions:
     """Compute the motions of `frames` at joint rates v (T, nv) without joint accelerations."""
-    return move_with_bodies(mechanism, frames, body_twists(mechanism, frames.q, v, np.zeros_like(v)))
+    return move_with_bodies(mechanism, frames, body_twists(mechanism, frames.q, v, np.zeros(v.shape)))
 
 
 def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) -> FrameMotions:

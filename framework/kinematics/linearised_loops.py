@@ -176,7 +176,7 @@ def linearised_at(
     origins = frames.position.take(equations.bodies, axis=1)  # (T, n + R, 3)
     wrenches = move_wrench(wrenches, origins)  # now about the base's origin
 
-    jacobian = equations.jacobian(wrenches, frames.screws)
+    jacobian = equations.jacobian(wrenches, frames)
     linearised = LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
     if structure.varies:
         linearised = _combine_rows(robot, linearised, bases)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import RobotFileError
+from framework.errors import InvalidInput, RobotFileError
 from framework.kinematics.tree_model import (
     Coordinates,
     JointLimit,
@@ -27,13 +27,15 @@ from framework.kinematics.tree_model import (
     joint_limits,
     tree_model,
 )
-from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
+from framework.model.description import AXES, Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
 from framework.model.documents import parse_xml, prefix_errors
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
+from framework.model.readers.pinocchio_model import parse_pinocchio
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
+from framework.model.visuals import read_visuals, visual_model
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
@@ -124,6 +126,66 @@ class Mechanism(ReadOnlyArrays):
         with prefix_errors(f"{description.file}: urdf"):
             urdf = parse_xml(description.urdf_text)
         return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
+
+    @classmethod
+    def from_pinocchio(
+        cls,
+        model: pin.Model,
+        closures: Sequence[Any],
+        actuators: Sequence[str | Mapping[str, Any]],
+        platform: Mapping[str, Any],
+        *,
+        reference: ArrayLike | Mapping[str, float] | None = None,
+        flexibility: str = "rigid",
+        name: str = "robot",
+        **keys: Any,
+    ) -> Self:
+        """Build a robot of a pinocchio model of the open tree and what closes its loops.
+
+        The robot's own `model` has the joints of the given one, in the same order. A continuous joint is a
+        hinge that counts turns; a free flyer becomes three slides and a ball. Armature, viscous damping,
+        limits of positions and gravity are those of the given model.
+
+        Args:
+            model: hinges, slides, balls and free flyers.
+            closures: loops, each as two frames and a kind, `("tip", "other_tip", "spherical")`, with an axis
+                or a length of some kinds (`"revolute", "y"`; `"distance", 0.25`); as a
+                `pin.RigidConstraintModel`; or as an entry of `closures` in a robot file.
+            actuators: names of the motors' joints, or entries of `actuators` in a robot file, such as
+                `{"joint": "hip", "gear_ratio": 50, "rotor_inertia": 6e-6, "torque_limit": 2}`.
+            platform: frame and axes, `{"frame": "tip", "axes": ["x", "y"]}`, or `{"joints": [...]}`.
+            reference: q (nq,) of the given model, or joint positions by name [rad, m], near an assembled
+                pose, which decides the modes; pinocchio's neutral configuration by default.
+            flexibility: which of the `springs` exist, `rigid` for none.
+            name: of the robot.
+            keys: further keys of a robot file: `springs`, `couplings`, `joints` (dry friction), `scenes`.
+
+        Raises:
+            RobotFileError: a value is not what the key of its name takes; names the valid ones.
+            InvalidInput: a joint of another kind, or a reference of another length.
+            NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
+        """
+        parsed = parse_pinocchio(
+            model, closures, actuators, platform, reference=reference, name=name, keys=keys
+        )
+        return cls.of(_build_mechanism(parsed, flexibility))
+
+    def constraint_models(self) -> list[pin.RigidConstraintModel]:
+        """Return the loops as pinocchio's constraints on `model`: points, poses, and hinges as two points.
+
+        Pinocchio's constraint dynamics of these and of `model`, with `robot.rotors` added to the armature, is
+        that of `forward_dynamics` but for springs, damping and friction. The rows of a planar robot are
+        redundant in space: give `pin.ProximalSettings(1e-12, 1e-8, 20)`.
+
+        Raises:
+            InvalidInput: a loop of another kind, or a coupling between joints, which pinocchio does not have.
+        """
+        return _constraint_models(self)
+
+    @cached_property
+    def visual_model(self) -> pin.GeometryModel:
+        """The visuals of the URDF on `model`, for pinocchio's viewers."""
+        return visual_model(read_visuals(self.description, self.model), self.model)
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
@@ -303,7 +365,8 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
     make_continuous_joints_revolute(urdf)
     insert_springs(urdf, springs)
     try:
-        model = tree_model(urdf, _anisotropic_balls(parsed.urdf, parsed.description))
+        as_declared = _anisotropic_balls(parsed.urdf, parsed.description)
+        model = tree_model(urdf, as_declared, parsed.joint_order)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:
@@ -332,19 +395,21 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its two joints as indices into the velocity vector and into q.
+    """Return a coupling with its joints as indices into the velocity vector and into q.
 
     The two indices of a joint differ if a ball precedes it, as a ball has four entries of q and three rates.
     """
-    follower = model.joints[model.getJointId(coupling.joint)]
-    leader = model.joints[model.getJointId(coupling.of)]
+    names = coupling.joints
+    joints = [model.joints[model.getJointId(name)] for name in names]
     return CoupledJoints(
         name=coupling.name,
-        columns=(follower.idx_v, leader.idx_v),
-        places=(follower.idx_q, leader.idx_q),
-        ratio=coupling.ratio,
-        offset=coupling.offset,
-        turns=not is_slide(follower),
+        columns=tuple(joint.idx_v for joint in joints),
+        places=tuple(joint.idx_q for joint in joints),
+        terms={
+            tuple(product.count(name) for name in names): coefficient
+            for product, coefficient in coupling.equation.items()
+        },
+        turns=not is_slide(joints[0]),
     )
 
 
@@ -356,6 +421,39 @@ def frame_index(model: pin.Model, name: str) -> int:
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
+
+
+def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:
+    """Return the loops as pinocchio's constraints, see `Mechanism.constraint_models`."""
+    model, description = mechanism.model, mechanism.description
+    if description.couplings:
+        raise InvalidInput(
+            f"{mechanism.name}: {description.couplings[0].name} couples two joints, and pinocchio's "
+            f"constraints hold points and poses"
+        )
+    constraints = []
+    for closure in description.closures:
+        ends = [model.frames[frame_index(model, frame)] for frame in closure.frames]
+        locked = set(closure.axes)
+        free = [k for k, turn in enumerate(AXES[3:]) if turn not in locked]  # turns
+        if not locked >= set(AXES[:3]) or len(free) == 2:
+            raise InvalidInput(
+                f"{mechanism.name}: loop {closure.name} locks {', '.join(closure.axes)}; pinocchio's "
+                f"constraints hold points and poses (kinds spherical, fixed, revolute)"
+            )
+        kind = pin.ContactType.CONTACT_3D if free else pin.ContactType.CONTACT_6D
+        offsets = [np.zeros(3)]  # of the points that coincide; a hinge is two points of its axis
+        if len(free) == 1:
+            offsets.append(mechanism.length * np.eye(3)[free[0]])
+        for offset in offsets:
+            shift = pin.SE3(np.eye(3), offset)
+            (first, pose), (second, other) = ((end.parentJoint, end.placement * shift) for end in ends)
+            constraint = pin.RigidConstraintModel(
+                kind, model, first, pose, second, other, pin.ReferenceFrame.LOCAL
+            )
+            constraint.name = closure.name
+            constraints.append(constraint)
+    return constraints
 
 
 def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:

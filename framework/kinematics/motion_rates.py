@@ -26,6 +26,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.closures import closure_drift, wrench_changes
+from framework.kinematics.couplings import coupling_jacobian_rates
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
     FrameMotions,
@@ -193,7 +194,7 @@ def _motion_of_twist(
         v = turns.add_turns(v)
 
     motions = frame_motions(robot, linearised.frames, v)
-    drift = linearised.combine(closure_drift(robot.spanning_loops, motions))
+    drift = linearised.combine(closure_drift(robot.spanning_loops, motions, linearised.frames.q, v))
     right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
     a = solve_rates(robot, linearised, right, ddq_e)
     if turns is not None:
@@ -219,7 +220,7 @@ def jacobian_rates(
 
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
-    dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
+    dW, ddW = _wrench_rates(robot, motions, np.array([dS, ddS]))
 
     # S, S' and S" with one screw a column
     S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
@@ -227,7 +228,13 @@ def jacobian_rates(
     second = ddW @ S_0 + 2.0 * dW @ S_1 + linearised.wrenches @ S_2
     # signs (n + m, nv): 1 or -1 if the joint of a column moves one of the equation's two bodies, else 0
     signs = robot.equations.signs
-    return linearised.combine_rows(first * signs), linearised.combine_rows(second * signs)
+    first, second = first * signs, second * signs
+    if robot.spanning_loops.has_couplings:
+        accelerations = np.zeros_like(v) if a is None else a
+        of_couplings = coupling_jacobian_rates(robot.spanning_loops, frames.q, v, accelerations)
+        first[:, robot.n :] += of_couplings[0]
+        second[:, robot.n :] += of_couplings[1]
+    return linearised.combine_rows(first), linearised.combine_rows(second)
 
 
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
@@ -244,29 +251,22 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
     c, dc, ddc = motions.rates  # (T, F, 4, 3) each
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
     first, second, at_rates = wrench_changes(
-        robot.spanning_loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc])
+        robot.spanning_loops, np.array([c, c, dc]), np.stack([dc, ddc, dc])
     )
     second[..., 3:] += at_rates[..., 3:]
-    loop_rates = np.stack([first, second])
+    loop_rates = np.array([first, second])
     return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)
 
 
 class MotionChanges(NamedTuple):
     """Changes of a motion q, v, a by unit steps of k coordinates.
 
-    A unit step of a rate changes v by the field `q`, and a by `a_by_rates`. A unit step of an acceleration
-    changes a by the field `q`.
+    A unit step of a rate changes v by the field `q`.
     """
 
     q: Array  # (T, k, nv) change of q by a unit step of a position
     v: Array  # (T, k, nv) change of v by the same step
-    a: Array  # (T, k, nv) change of a by the same step
-    a_by_rates: Array  # (T, k, nv) change of a by a unit step of a rate
-
-    @property
-    def accelerations(self) -> Array:
-        """Changes (3, T, k, nv) of a by unit steps of positions, rates and accelerations."""
-        return np.stack([self.a, self.a_by_rates, self.q])
+    accelerations: Array  # (3, T, k, nv) of a by unit steps of positions, rates and accelerations
 
 
 def coordinate_changes(
@@ -312,7 +312,7 @@ def coordinate_changes(
     dY = dv - lie_bracket  # Y'
     da = _solve_moving(robot, motion, right[2] - 2.0 * dY @ dJ - dq @ ddJ)
     da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, dY)
-    return MotionChanges(q=dq, v=dv, a=rest_columns(da), a_by_rates=2.0 * dv - rest_columns(lie_bracket))
+    return MotionChanges(dq, dv, np.array([rest_columns(da), 2.0 * dv - rest_columns(lie_bracket), dq]))
 
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:

@@ -15,7 +15,8 @@ import numpy as np
 
 from framework.errors import expect, point
 from framework.kinematics.assembly import Configuration, nearby_configurations
-from framework.kinematics.frames import frames_at, scratch_of
+from framework.kinematics.couplings import coupling_jacobian, coupling_pattern
+from framework.kinematics.frames import FrameStack, frames_at, scratch_of
 from framework.kinematics.loop_structure import (
     LoopStructure,
     assemble_mechanism,
@@ -25,6 +26,7 @@ from framework.kinematics.loop_structure import (
 )
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
+from framework.lazy_names import notebook_picture
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
@@ -219,6 +221,8 @@ class ParallelRobot(Mechanism):
         """Return the motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
         return self.coordinates.positions(q)[:, self.actuated]
 
+    _repr_mimebundle_ = notebook_picture("robot_picture")
+
     def __repr__(self) -> str:
         """Return name, flexibility, platform axes, motors and springs in one line."""
         return (
@@ -248,7 +252,6 @@ class Equations(ReadOnlyArrays):
     bodies: IntArray  # (n + R,) frame at whose origin each row's wrench acts, index into `frames`
     n: int  # number of the platform's equations, which come first
     signs: Array  # (n + R, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
-    couplings: Array  # (n + R, nv) derivatives of the couplings between joints; 0 in other rows
     pattern: BoolArray  # (n + m, nv) whether an entry of dF/dq can differ from zero
     columns: IntArray  # of the joints that x and q_e determine: actuated, then passive
     moving_part: SquarePart | None  # all rows, `columns`; None if the part is not square
@@ -276,9 +279,8 @@ class Equations(ReadOnlyArrays):
         n = platform.n
         carries_platform = carried[0]  # the platform is frame 0
         signs = np.concatenate([platform.joint_incidence(carries_platform), rows.joint_signs(carried)])
-        couplings = np.zeros_like(signs)
-        couplings[n:] = rows.coupling_jacobian(mechanism.nv)
-        pattern = (signs != 0.0) | (couplings != 0.0)
+        pattern = signs != 0.0
+        pattern[n:] |= coupling_pattern(rows, mechanism.nv)
         if structure.varies:  # a combination may have an entry wherever a row has one
             combination = np.repeat(pattern[n:].any(axis=0)[None], len(structure.independent), axis=0)
             pattern = np.concatenate([pattern[:n], combination])
@@ -288,7 +290,6 @@ class Equations(ReadOnlyArrays):
             bodies=np.pad(rows.second, (n, 0)),  # n zeros first, for the platform
             n=n,
             signs=signs,
-            couplings=couplings,
             pattern=pattern,
             columns=columns,
             moving_part=SquarePart.of(pattern, equations, columns),
@@ -297,12 +298,15 @@ class Equations(ReadOnlyArrays):
             span_scale=np.where(rows.rotation, 1.0, mechanism.length) * structure.span_sizes,
         )
 
-    def jacobian(self, wrenches: Array, screws: Array) -> Array:
+    def jacobian(self, wrenches: Array, frames: FrameStack) -> Array:
         """Compute the Jacobian (T, n + R, nv): the powers of the rows' wrenches on the joints' screws.
 
-        Wrenches (T, n + R, 6) and screws (T, nv, 6) refer to the base's origin.
+        Wrenches (T, n + R, 6) and screws refer to the base's origin. Couplings have no wrenches.
         """
-        return (wrenches @ screws.swapaxes(1, 2)) * self.signs + self.couplings
+        jacobian: Array = (wrenches @ frames.screws.swapaxes(1, 2)) * self.signs
+        if self.spanning.has_couplings:
+            jacobian[:, self.n :] += coupling_jacobian(self.spanning, frames.q, jacobian.shape[2])
+        return jacobian
 
 
 @dataclass(frozen=True, eq=False)

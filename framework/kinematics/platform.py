@@ -56,7 +56,7 @@ class _Coordinates(ReadOnlyArrays):
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v and dv/dt, each (T, n), for x, dx and ddx, each (T, n); ddx is zero if None."""
-        return dx, np.zeros_like(dx) if ddx is None else ddx
+        return dx, np.zeros(dx.shape) if ddx is None else ddx
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
         """Compute E' and two time derivatives of E' along a `motion` x, dx, ddx, (3, T, n, n).

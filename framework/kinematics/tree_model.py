@@ -34,11 +34,14 @@ from framework.tolerances import SAME_PLACE
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
 
 
-def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
+def tree_model(
+    urdf: ElementTree.Element, as_declared: Collection[str], order: Sequence[str] = ()
+) -> pin.Model:
     """Build pinocchio's model of a URDF without shapes; modify `urdf`.
 
     In `urdf` joints of several freedoms become floating joints, the only such kind that the parser knows. The
     third axis of a ball is turned towards the centre of mass of its child, except on the balls `as_declared`.
+    Joints are in the `order` of their names; by default in that of the parser.
 
     Raises:
         ValueError, RuntimeError: from pinocchio's parser.
@@ -50,11 +53,13 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
-    return _replace_balls(model, several, as_declared) if several else model
+    return _rebuild(model, several, as_declared, order) if several or order else model
 
 
-def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Return the model with balls in place of the floating joints that the parser made.
+def _rebuild(
+    parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str], order: Sequence[str]
+) -> pin.Model:
+    """Return the model with balls in place of the floating joints that the parser made, and joints in order.
 
     A joint declared as floating gets three slides before its ball.
 
@@ -62,12 +67,19 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
         parsed: the model with floating joints.
         several: declared kinds of these joints by name.
         as_declared: names of the balls whose axes are not turned towards the centre of mass.
+        order: names of joints; those between them, of springs, follow the joint that carries them.
     """
+    rank = {0: (-1, 0)}  # of each parsed joint: index in `order`, and joints since then
+    for j in range(1, parsed.njoints):
+        carrier = rank[parsed.parents[j]]
+        rank[j] = (
+            (order.index(parsed.names[j]), 0) if parsed.names[j] in order else (carrier[0], carrier[1] + 1)
+        )
     model = pin.Model()
     model.name = parsed.name
     new_index = {0: 0}  # of each parsed joint in the new model
     axes = {0: pin.SE3.Identity()}  # pose of each parsed joint's axes on those of the new joint
-    for j in range(1, parsed.njoints):
+    for j in sorted(range(1, parsed.njoints), key=rank.__getitem__) if order else range(1, parsed.njoints):
         name, parsed_parent = parsed.names[j], parsed.parents[j]
         parent = new_index[parsed_parent]
         placement = axes[parsed_parent] * parsed.jointPlacements[j]

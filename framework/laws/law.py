@@ -94,7 +94,7 @@ class Ends(NamedTuple):
 
     def derivatives(self, smoothness: int) -> Array:
         """Return the derivatives (2, smoothness) of s at the start and at the goal [1/s^order]."""
-        return np.array([[*end, *[0.0] * (smoothness - len(end))] for end in self])
+        return np.array([[*end, *[0.0] * smoothness][:smoothness] for end in self])
 
 
 REST = Ends()

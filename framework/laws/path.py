@@ -113,11 +113,12 @@ class PointPath(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Beginning:
-    """The part of a path from its start to the path parameter `share`."""
+class Part:
+    """The part of a path between the path parameters `start` and `end`."""
 
     path: Path
-    share: float
+    start: float
+    end: float
 
     @property
     def n(self) -> int:
@@ -127,11 +128,13 @@ class Beginning:
     @property
     def knots(self) -> Array:
         """The knots of the path on this part, (k,)."""
-        return self.path.knots[self.path.knots < self.share] / self.share
+        knots = self.path.knots
+        return (knots[(knots > self.start) & (knots < self.end)] - self.start) / (self.end - self.start)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative of an `order` in s of this part."""
-        return self.share**order * self.path(self.share * np.asarray(s, dtype=float), order)
+        share = self.end - self.start
+        return share**order * self.path(self.start + share * np.asarray(s, dtype=float), order)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,6 +5,7 @@ This module opens no file and does not call pinocchio. Joints, links and frames 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,6 +25,10 @@ GOALS = ("time", "peak_torque", "energy")  # of an optimal law
 SMALLEST_LENGTH = 1.0 / LARGEST_NUMBER  # [m] powers of smaller lengths underflow to zero
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Points = tuple[tuple[float, ...], ...]  # of a path, each in the platform's coordinates
+MAX_TERMS = 20  # of a coupling, besides offset and ratio
+MAX_DEGREE = 4  # of a coupling, as in MJCF
+Product = tuple[str, ...]  # of the coordinates of joints, by name; () is 1
+Polynomial = Mapping[Product, float]  # coefficient of each product
 
 _WRENCH_TABLE: Table = {
     "wrench": optional(anything),
@@ -240,38 +245,100 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A loop equation of two joints, q_joint = ratio q_of + offset.
+    """A loop equation of joints, q_joint = offset + ratio q_of + sum of coefficient times product.
 
-    Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m].
-    Couplings describe gears, mirrored fingers and <mimic>.
+    Each joint has one degree of freedom; all numbers are in the units of the joints [rad, m]. Couplings
+    describe gears, mirrored fingers, <mimic>, differentials, and joints that roll on one another.
     """
 
     joint: str
     of: str
     ratio: float = 1.0
     offset: float = 0.0
+    terms: tuple[tuple[Product, float], ...] = ()  # further products of joints, without `joint` itself
 
     @property
     def name(self) -> str:
         """Name of the loop equation."""
         return f"{self.joint}_of_{self.of}"
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints, without repetitions; the first is `joint`."""
+        return tuple(dict.fromkeys([self.joint, self.of, *(name for key, _ in self.terms for name in key)]))
 
-def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the positions [rad, m], by name, of joints coupled to locked joints.
+    @property
+    def equation(self) -> Polynomial:
+        """The polynomial q_joint - ... that vanishes."""
+        return {
+            (self.joint,): 1.0,
+            (self.of,): -self.ratio,
+            (): -self.offset,
+            **{product: -coefficient for product, coefficient in self.terms},
+        }
 
-    Only joints that one of the `couplings` connects directly with a locked joint are returned.
+    @property
+    def is_linear(self) -> bool:
+        """Whether no term is a product of joints."""
+        return all(len(product) == 1 for product, _ in self.terms)
+
+    @staticmethod
+    def of_equation(equation: Polynomial, followers: Iterable[str] = ()) -> Coupling | None:
+        """Return the coupling of a polynomial that vanishes, solved for a joint that no product has.
+
+        If there are several, the joint is the first that is none of `followers`, which other couplings solve.
+        Without such a joint the result is None.
+        """
+        terms = {product: coefficient for product, coefficient in equation.items() if coefficient}
+        in_products = {name for product in terms if len(product) > 1 for name in product}
+        alone = [product[0] for product in terms if len(product) == 1 and product[0] not in in_products]
+        if not alone:
+            return None
+        joint = next((name for name in alone if name not in set(followers)), alone[0])
+        scale = -terms.pop((joint,))
+        offset = terms.pop((), 0.0) / scale + 0.0  # not -0.0
+        of = next((product for product in terms if len(product) == 1), None)
+        ratio = terms.pop(of) / scale if of else 0.0
+        leader = of or next(iter(terms))
+        rest = tuple((product, coefficient / scale) for product, coefficient in terms.items())
+        return Coupling(joint, leader[0], ratio, offset, rest)
+
+
+def lock_couplings(
+    couplings: Iterable[Coupling], locked: Mapping[str, float]
+) -> tuple[list[Coupling], dict[str, float]]:
+    """Return the couplings that remain with joints locked, and positions [rad, m] that others impose.
 
     Args:
+        couplings: those of a mechanism.
         locked: positions [rad, m] of the locked joints, by name.
+
+    Raises:
+        RobotFileError: the locked joints leave an equation that is not solved for a joint.
     """
-    positions = {}
+    remaining: list[Coupling] = []
+    positions: dict[str, float] = {}
     for coupling in couplings:
-        if coupling.of in locked and coupling.joint not in locked:
-            positions[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
-        elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
-            positions[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
-    return positions
+        if not locked.keys() & coupling.joints:
+            remaining.append(coupling)
+            continue
+        equation: dict[Product, float] = {(): 0.0}
+        for product, coefficient in coupling.equation.items():
+            moving = tuple(name for name in product if name not in locked)
+            held = math.prod(locked[name] for name in product if name in locked)
+            equation[moving] = equation.get(moving, 0.0) + coefficient * held
+        products = [product for product, coefficient in equation.items() if product and coefficient]
+        if len(products) == 1 and len(products[0]) == 1:
+            positions[products[0][0]] = -equation[()] / equation[products[0]]
+        elif products:
+            if (reduced := Coupling.of_equation(equation)) is None:
+                moving = tuple(name for name in coupling.joints if name not in locked)
+                raise RobotFileError(
+                    f"coupling {coupling.name!r} has no unique solution where {coupling.joint} is locked: "
+                    f"lock {' and '.join(moving)}, too"
+                )
+            remaining.append(reduced)
+    return remaining, positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,10 +500,13 @@ class ParsedRobot(NamedTuple):
     """The content of a file of any dialect.
 
     `urdf` is the parsed root of `description.urdf_text`; no reader of the record may change it. `dialect` is
-    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file.
+    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file. `stated` are positions
+    [rad, m] that the file or its reader's options give as reference; other coordinates are 0.
     """
 
     description: RobotDescription
     urdf: Element
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()
+    stated: Mapping[str, float] | None = None
+    joint_order: Names = ()  # of pinocchio's joints; by default that of its parser

@@ -10,7 +10,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -54,8 +54,8 @@ class LoopRows(ReadOnlyArrays):
     d = p2 - p1. A translation row is u.d = 0. A rotation row is u.w = 0 (Haug's dot-1 primitive). It is
     polynomial in the rotation matrices, so it has no angle that jumps. To first order, with weight 1 or -1,
     it is the relative rotation about the locked axis. Rows with a length are in `ROW_KINDS`. A coupling row
-    is q_a - ratio q_b - offset = 0 of two joints a and b; its frames, weight and constant are those of an
-    equation that always holds.
+    is a polynomial of M terms in the coordinates z of K joints, the sum of coefficient times the product of
+    z^exponent; its frames, weight and constant are those of an equation that always holds.
     """
 
     names: Names  # closure.axis
@@ -68,10 +68,10 @@ class LoopRows(ReadOnlyArrays):
     weight: Array  # (m,) zero in coupling rows
     constant: Array  # (m,)
     coupled: BoolArray  # (m,) whether the row is a coupling
-    columns: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the velocity vector
-    places: IntArray  # (m, 2) joints a and b of coupling rows, as indices into the configuration vector
-    ratio: Array  # (m,)
-    offset: Array  # (m,) [rad or m]
+    columns: IntArray  # (m, K) joints of coupling rows, as indices into the velocity vector
+    places: IntArray  # (m, K) joints of coupling rows, as indices into the configuration vector
+    coefficients: Array  # (m, M) of coupling rows [rad or m over the units of the product]; 0 fills up
+    exponents: IntArray  # (m, M, K)
 
     @cached_property
     def translation(self) -> BoolArray:
@@ -132,21 +132,6 @@ class LoopRows(ReadOnlyArrays):
         """
         return carried[self.second] - carried[self.first]
 
-    def coupling_residual(self, q: Array) -> Array:
-        """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
-        rows = self.coupled
-        a, b = self.places[rows].T  # (c,) each, the two joints of each coupling
-        return q[:, a] - self.ratio[rows] * q[:, b] - self.offset[rows]
-
-    def coupling_jacobian(self, nv: int) -> Array:
-        """Return derivatives (m, nv) of coupling rows along the velocities; 0 in other rows."""
-        jacobian = np.zeros((len(self.names), nv))
-        rows = np.flatnonzero(self.coupled)
-        a, b = self.columns[rows].T  # (c,) each, the two joints of each coupling
-        jacobian[rows, a] = 1.0
-        jacobian[rows, b] = -self.ratio[rows]
-        return jacobian
-
     def append(self, other: LoopRows) -> LoopRows:
         """Return these rows and then the `other` ones."""
         if not other.names:
@@ -162,14 +147,13 @@ class LoopRows(ReadOnlyArrays):
 
 
 class CoupledJoints(NamedTuple):
-    """A coupling q_a = ratio q_b + offset, with the indices of the joints a and b."""
+    """The polynomial of a coupling that vanishes, with the indices of its joints."""
 
     name: str
-    columns: tuple[int, int]  # in the velocity vector
-    places: tuple[int, int]  # in the configuration vector
-    ratio: float
-    offset: float
-    turns: bool  # whether a is a hinge, so that the row is in radians
+    columns: tuple[int, ...]  # of the joints, in the velocity vector
+    places: tuple[int, ...]  # in the configuration vector
+    terms: Mapping[tuple[int, ...], float]  # coefficient by the exponents of all joints
+    turns: bool  # whether the row is in radians
 
 
 def loop_rows(
@@ -179,10 +163,14 @@ def loop_rows(
 
     `frames` are the names of the mechanism's frames; rows refer to their indices.
     """
+    # all couplings are filled up to the same numbers of joints K and terms M
+    K = max((len(coupling.columns) for coupling in couplings), default=0)
+    M = max((len(coupling.terms) for coupling in couplings), default=0)
+    indices, exponents = np.zeros(K, dtype=np.intp), np.zeros((M, K), dtype=np.intp)
     # each row has the fields of LoopRows in their order: name, two frames, those of _RowProduct, and those of
-    # couplings from `coupled` to `offset`
+    # couplings from `coupled` to `exponents`
     rows: list[tuple[Any, ...]] = []
-    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # coupled, columns, places, ratio, offset
+    no_coupling = (False, indices, indices, np.zeros(M), exponents)
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
         for axis in closure.axes:
@@ -190,10 +178,13 @@ def loop_rows(
     for coupling in couplings:
         # the product always holds: its axes x and y of frame 0 are perpendicular, its weight is 0
         product = _RowProduct(rotation=coupling.turns, second_axis=1, weight=0.0)
-        joints = coupling.columns, coupling.places
-        rows.append((f"{coupling.name}.q", 0, 0, *product, True, *joints, coupling.ratio, coupling.offset))
-    names, *columns = zip(*rows, strict=True)  # a column for each field
-    arrays: Iterator[Any] = map(np.array, columns)
+        k, terms = len(coupling.columns), len(coupling.terms)
+        columns, places = (np.pad(joints, (0, K - k)) for joints in (coupling.columns, coupling.places))
+        coefficients = np.pad(list(coupling.terms.values()), (0, M - terms))
+        powers = np.pad(list(coupling.terms), ((0, M - terms), (0, K - k)))
+        rows.append((f"{coupling.name}.q", 0, 0, *product, True, columns, places, coefficients, powers))
+    names, *tables = zip(*rows, strict=True)  # a column for each field
+    arrays: Iterator[Any] = map(np.array, tables)
     return LoopRows(names, *arrays)
 
 

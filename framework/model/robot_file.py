@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
+from framework.model.description import ParsedRobot, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
@@ -29,8 +30,8 @@ from framework.numerics.fields import list_of, read_table
 from framework.numerics.input import read_text
 
 
-def read_robot_file(file: str | Path) -> RobotDescription:
-    """Read the description in a robot file.
+def read_robot_file(file: str | Path, given: Mapping[str, float] | None = None) -> RobotDescription:
+    """Read the description in a robot file, with `given` values of some of its parameters.
 
     Raises:
         RobotFileError: the file or its URDF is missing or malformed; a key is missing or unknown; a value has
@@ -39,7 +40,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
     with prefix_errors(path):
-        text, parameters = fill_parameters(text)
+        text, parameters = fill_parameters(text, given)
         return parse_robot(path, parse_yaml(text), parameters).description
 
 
@@ -58,9 +59,32 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
         RobotFileError: as `read_robot_file`, without the name of the file in the message.
     """
     tree = read_table("", content, TREE, others=None)
-    urdf_text, root, urdf = _read_urdf(path.parent, tree, parameters)
-    locked = tree["locked"]
-    with prefix_errors(f"urdf: {tree['urdf']}"):
+    urdf_text, root = _read_urdf(path.parent, tree, parameters)
+    return describe_tree(path, urdf_text, root, content, parameters, tree["locked"])
+
+
+def describe_tree(
+    path: Path,
+    urdf_text: str,
+    root: Element,
+    content: Mapping[str, Any],
+    parameters: Mapping[str, float],
+    locked: Mapping[str, float] = MappingProxyType({}),
+) -> ParsedRobot:
+    """Read the keys of a robot on its tree.
+
+    Args:
+        path: of the robot file.
+        urdf_text, root: the URDF and the root of its XML.
+        content: of the robot file; the keys in TREE are not read.
+        parameters: with which placeholders were filled.
+        locked: positions [rad, m] by name of joints that are fixed in `root`.
+
+    Raises:
+        RobotFileError: as `read_robot_file`, without the name of the file in the message.
+    """
+    urdf = read_tree(root)
+    with prefix_errors(f"urdf: {content.get('urdf', path.name)}"):
         mimics = declared_couplings(root, locked)
 
     is_coupled = "couplings" in content or bool(mimics)
@@ -68,11 +92,14 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
-    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):
+
+    remaining, coupled_to_locked = lock_couplings(robot["couplings"], locked)
+    if coupled_to_locked:
         # start again: joints that follow locked ones are locked, too
-        return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
+        return parse_robot(path, {**content, "locked": {**locked, **coupled_to_locked}}, parameters)
 
     _merge_joint_springs(robot, locked)
+    robot["couplings"] = tuple(remaining)
     _drop_locked_joints(robot, locked)
 
     description = RobotDescription(
@@ -109,11 +136,10 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints.
+    """Drop the springs and entries of locked joints.
 
     `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
     """
-    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
@@ -123,9 +149,7 @@ def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> N
 # ------------------------------------------------------------------ the tree
 
 
-def _read_urdf(
-    folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
-) -> tuple[str, Element, Tree]:
+def _read_urdf(folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]) -> tuple[str, Element]:
     """Read the URDF, and lock joints, free the root and add frames as the robot file says.
 
     Args:
@@ -134,16 +158,16 @@ def _read_urdf(
         parameters: values for the placeholders in the URDF.
 
     Returns:
-        The text of the URDF, the root of its XML, and its tree.
+        The text of the URDF, and the root of its XML.
     """
     path = locate_urdf(folder, tree["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with prefix_errors(f"urdf: {path}"):
         text = fill_placeholders(text, parameters)
         root = parse_xml(text)
-        urdf = read_tree(root)
+        read_tree(root)
     if not (tree["locked"] or tree["root"] == "free" or tree["frames"]):
-        return text, root, urdf  # the text as it is in the file
+        return text, root  # the text as it is in the file
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
@@ -152,7 +176,8 @@ def _read_urdf(
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)  # `frame` has the other arguments
     with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
-        return tostring(root, encoding="unicode"), root, read_tree(root)
+        read_tree(root)
+    return tostring(root, encoding="unicode"), root
 
 
 # ------------------------------------------------------------------ checks across keys

@@ -15,6 +15,7 @@ import yaml
 from framework.errors import InvalidInput, OutputError, RobotFileError
 from framework.model.description import (
     Closure,
+    Coupling,
     JointDynamics,
     RobotDescription,
     Scene,
@@ -111,7 +112,7 @@ def robot_document(description: RobotDescription) -> Document:
     }
     optional = {
         "springs": [record_entry(spring) for spring in description.springs],
-        "couplings": [asdict(coupling) for coupling in description.couplings],
+        "couplings": [_coupling_entry(coupling) for coupling in description.couplings],
         "joints": _joint_entries(description),
         "reference": dict(description.reference),
         "scenes": {name: _scene_entry(scene) for name, scene in description.scenes.items()},
@@ -135,6 +136,15 @@ def _joint_entries(description: RobotDescription) -> Document:
 def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
     """Return the entry of a joint: the values that are not zero, and zeros that override the URDF."""
     return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
+
+
+def _coupling_entry(coupling: Coupling) -> Document:
+    """Return the entry of a coupling, with products of joints such as knee*knee by name."""
+    entry = asdict(coupling)
+    if coupling.terms:
+        return entry | {"terms": {"*".join(product): value for product, value in coupling.terms}}
+    del entry["terms"]
+    return entry
 
 
 def _closure_entry(closure: Closure) -> Document:

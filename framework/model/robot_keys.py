@@ -20,6 +20,8 @@ from framework.model.description import (
     CLOSURE_KINDS,
     GOALS,
     LEVELS_BY_NAME,
+    MAX_DEGREE,
+    MAX_TERMS,
     Actuator,
     Closure,
     Coupling,
@@ -28,6 +30,7 @@ from framework.model.description import (
     KeptLevel,
     Platform,
     Points,
+    Product,
     Scene,
     Spring,
     kinds_with_length,
@@ -237,13 +240,36 @@ class RobotReader:
         return first, second
 
     def coupling(self, where: str, given: Any) -> Coupling:
-        """Read a coupling of two different joints."""
+        """Read a coupling of different joints."""
         joint = one_of("joint", self.movable)
-        readers = {"joint": joint, "of": joint, "ratio": number, "offset": number}
+        readers = {"joint": joint, "of": joint, "ratio": number, "offset": number, "terms": self.terms}
         coupling = dataclass_of(Coupling, readers)(where, given)
         if coupling.joint == coupling.of:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {coupling.joint!r}")
+        for product, _ in coupling.terms:
+            place = below(where, f"terms.{'*'.join(product)}")
+            if coupling.joint in product:
+                raise RobotFileError(f"{place}: needs other joints than {coupling.joint!r}")
+            if product == (coupling.of,):
+                raise RobotFileError(f"{place}: the factor of {coupling.of!r} alone is the key `ratio`")
         return coupling
+
+    def terms(self, where: str, given: Any) -> tuple[tuple[Product, float], ...]:
+        """Read the coefficients of products of joints, such as knee*knee, by name."""
+        read_joint = one_of("joint", self.movable)
+        terms: dict[Product, float] = {}
+        for name, coefficient in mapping_of(number)(where, given).items():
+            place = below(where, name)
+            joints = [name] if name in self.movable else [part.strip() for part in name.split("*")]
+            product = tuple(sorted(read_joint(place, joint) for joint in joints))
+            if len(product) > MAX_DEGREE:
+                raise RobotFileError(f"{place}: at most {MAX_DEGREE} joints are multiplied")
+            if product in terms:
+                raise RobotFileError(f"{place}: stands twice")
+            terms[product] = coefficient
+        if len(terms) > MAX_TERMS:
+            raise RobotFileError(f"{where}: at most {MAX_TERMS} terms, got {len(terms)}")
+        return tuple(terms.items())
 
     def joints(self, where: str, given: Any) -> JointValues:
         """Read the entries of joints as entries of coordinates.

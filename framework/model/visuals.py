@@ -7,7 +7,7 @@ of a cylinder is z, as in URDF.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, fromstring
@@ -80,6 +80,27 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
                 continue
             shapes.append(Shape(frame.parentJoint, kind, size, placement, color, vertices, faces))
     return shapes
+
+
+def visual_model(shapes: Sequence[Shape], model: pin.Model) -> pin.GeometryModel:
+    """Return shapes as pinocchio's geometries on the joints of a `model`."""
+    solids = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+    geometries = pin.GeometryModel()
+    for k, shape in enumerate(shapes):
+        if shape.vertices is None or shape.faces is None:
+            sizes = (np.array(shape.size),) if shape.kind == "box" else shape.size
+            solid = solids[shape.kind](*sizes)
+        else:
+            solid = coal.BVHModelOBBRSS()
+            solid.beginModel(len(shape.faces), len(shape.vertices))
+            solid.addVertices(shape.vertices)
+            solid.addTriangles(shape.faces)
+            solid.endModel()
+        name = f"{model.names[shape.node]}_{k}"
+        geometry = pin.GeometryObject(name, shape.node, pin.SE3(shape.placement), solid)
+        geometry.meshColor = np.array(shape.color)
+        geometries.addGeometryObject(geometry)
+    return geometries
 
 
 Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, vertices and faces

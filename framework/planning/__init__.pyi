@@ -6,6 +6,7 @@ from framework.planning.feasibility import (
     feasibility_on_path,
     optimal_durations,
 )
+from framework.planning.joint_path import choose_joint_path, in_joints
 from framework.planning.motion_table import Column, MotionTable
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.optimal.peak_bound import PeakBound, bound_plan
@@ -32,8 +33,10 @@ __all__ = [
     "PlanStudy",
     "Request",
     "bound_plan",
+    "choose_joint_path",
     "feasibility_at",
     "feasibility_on_path",
+    "in_joints",
     "load_plan",
     "optimal_durations",
     "plan_crossing",

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from framework.dynamics.forces import inertial_forces, static_forces
+from framework.dynamics.forces import inertial_forces
+from framework.dynamics.path_forces import PathForces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops
-from framework.kinematics.motion_rates import Motion, motion_at
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.motion_rates import motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.singularity.points_on_path import SingularPoint
@@ -118,7 +118,7 @@ def require_effect(
     if deflected and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
-            f"runs orthogonal to t_s; use stiffer springs, geometry rigid, or another direction",
+            f"runs orthogonal to t_s",
             residual=0.0,  # no iteration failed: the pose is exact, and alpha is 0
         )
     raise NoLaw(
@@ -143,77 +143,48 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     """
     robot = branch.robot
     deflection = deflection if robot.n_e else None
-    linearised = crossing.pose
-    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
-    static = static_forces(robot, crossing.q[None], wrenches)[0]  # (nv,)
-    motion = _probe_motions(branch, crossing, linearised, deflection)
-    rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static)
-    values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
-    values[2:] += elastic_terms.sum(axis=1)  # adds the terms of moving springs to gamma and delta
+    pose, eta = crossing.pose, crossing.motion
+    s = np.array([crossing.s])
+    closed = ClosedStack(pose.frames.q, branch.path(s), pose)
+    forces = PathForces.along(branch, s, closed)
+    # powers (4, nv) of each joint for alpha, beta, gamma and delta
+    powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
+    values = powers.sum(axis=1)
 
     # a coefficient that is small against the sum of the sizes of its terms is rounding
-    largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
-    sums = np.abs(rigid_terms).sum(axis=1)
-    term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), sums)
-    term_sizes[2:] += np.abs(elastic_terms).sum(axis=1)
-    # stiff springs add small terms, which are not rounding as long as s" has an effect
-    if deflection is None or not abs(values[0]) > NO_HOLD * term_sizes[0]:
-        values = remove_rounding(values, term_sizes, alpha_index=0)
-    return Condition8(*values.tolist())
+    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds
+    term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
+    if deflection is not None:  # moving springs add to gamma and delta
+        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)
+        values[2:] += of_springs.sum(axis=1)
+        term_sizes[2:] += np.abs(of_springs).sum(axis=1)
+        # stiff springs add small terms, which are not rounding as long as s" has an effect
+        if abs(values[0]) > NO_HOLD * term_sizes[0]:
+            return Condition8(*values.tolist())
+    return Condition8(*remove_rounding(values, term_sizes, alpha_index=0).tolist())
 
 
-def _joint_powers(robot: ParallelRobot, eta: Array, motion: Motion, static: Array) -> tuple[Array, Array]:
-    """Compute the power of each joint in the uncontrolled motion, for each coefficient.
+def _forces_of_springs(
+    branch: Branch, crossing: SingularPoint, deflection: Deflection, centrifugal: Array
+) -> Array:
+    """Compute the forces (2, nv) that moving springs add, at rest and per s'.
 
-    The forces that are bilinear in s' and the deflection rates are the inertial forces of both motions at
-    once, less those of each motion alone.
-
-    Args:
-        eta: joint rates (nv,) of the uncontrolled motion.
-        motion: the four motions of `_probe_motions`.
-        static: forces (nv,) of weight and external wrenches at rest.
-
-    Returns:
-        Powers (4, nv) with springs at rest, for alpha, beta, gamma and delta, and the additional powers
-        (2, nv) of moving springs, for gamma and delta.
-    """
-    # powers (nv,) of the inertial forces in each motion, and of damping in the motions 1 and 2
-    by_acceleration, by_speed, by_springs, by_both = inertial_forces(robot, motion) * eta
-    damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * eta
-    bilinear = by_both - by_speed - by_springs
-    rigid = np.array([by_acceleration, by_speed, static * eta, damping_by_speed])
-    return rigid, np.array([by_springs + damping_by_springs, bilinear])
-
-
-def _probe_motions(
-    branch: Branch,
-    crossing: SingularPoint,
-    linearised: LinearisedLoops,
-    deflection: Deflection | None,
-) -> Motion:
-    """Compute four motions at a crossing point that separate the terms of condition (8).
-
-    motion   s"   s'   springs
-    0        1    0    at rest
-    1        0    1    at rest
-    2        0    0    with the rates and accelerations of the deflections
-    3        0    1    with the rates and accelerations of the deflections
+    Those at rest are of inertia and damping. Those per s' are bilinear in s' and the rates of the springs:
+    the inertial forces of both motions at once, less those of each motion alone.
 
     Args:
-        linearised: loop equations of the one pose at the crossing.
-        deflection: deflections at the crossing; None for springs at rest.
+        centrifugal: (1, nv) inertial forces at s' = 1, springs at rest.
     """
     robot = branch.robot
-    accelerations = np.array([1.0, 0.0, 0.0, 0.0])  # s"
-    speeds = np.array([0.0, 1.0, 0.0, 1.0])  # s'
-    elastic_rates, elastic_accelerations = np.zeros((2, len(speeds), robot.n_e))
-    if deflection is not None:
-        elastic_rates[2:] = deflection.rate
-        elastic_accelerations[2:] = deflection.acceleration
-    x, dx, ddx = time_derivatives(branch.path, [np.full(len(speeds), crossing.s), speeds, accelerations])
-    repeated = linearised.select(np.zeros(len(speeds), dtype=np.intp))  # the one pose, once a motion
-    closed = ClosedStack(repeated.frames.q, x, repeated)
-    return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
+    speeds = np.array([0.0, 1.0])  # s'
+    pose = crossing.pose.select(np.zeros(2, dtype=np.intp))  # the one pose, once a motion
+    x, dx, ddx = time_derivatives(branch.path, [np.full(2, crossing.s), speeds, np.zeros(2)])
+    rates = np.array([deflection.rate] * 2)
+    accelerations = np.array([deflection.acceleration] * 2)
+    motion = motion_at(robot, ClosedStack(pose.frames.q, x, pose), dx, ddx, rates, accelerations)
+    at_rest, at_speed = inertial_forces(robot, motion)
+    bilinear = at_speed - centrifugal[0] - at_rest
+    return np.array([at_rest + robot.joint_damping * motion.v[0], bilinear])
 
 
 def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array:

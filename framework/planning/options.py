@@ -85,7 +85,7 @@ def _end_motion(name: str, value: Any) -> tuple[float, ...] | None:
         return None
     if derivatives[0] <= 0.0:
         raise InvalidInput(
-            f"{name}: s' at an end in motion must be greater than zero, got {derivatives[0]:g}"
+            f"{name}: s' must be greater than zero, or all must be zero, got {derivatives[0]:g}"
         )
     return derivatives
 

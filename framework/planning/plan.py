@@ -37,6 +37,7 @@ from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
+from framework.planning.joint_path import JointPath, in_joints
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -52,14 +53,16 @@ FREE_LAW_CROSSINGS = 3  # from which the optimal law of a rigid robot comes befo
 
 
 @takes_options
-def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingPlan:
+def plan_crossing(robot: ParallelRobot, path: Path | JointPath, **options: Any) -> CrossingPlan:
     """Plan a rest-to-rest motion that crosses singular points with finite torques.
 
     Args:
         robot: as returned by `load_robot`; its `flexibility` says which springs exist.
         path: the platform's path: a `Line`, `Arc`, `Spline` or `Polyline`, or a function path(s, order) that
             returns (T, n) for s in [0, 1] and derivatives up to order 4, with attributes `n` and `knots`. The
-            knots are the s inside (0, 1) at which pieces of the path join (an empty array for one piece).
+            knots are the s inside (0, 1) at which pieces of the path join (an empty array for one piece). A
+            `JointPath` is given in joints without motors: the robot of its plan has their positions as
+            platform coordinates.
         {options}
 
     Returns:
@@ -83,6 +86,8 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 
     Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
     """
+    if isinstance(path, JointPath):
+        robot, path = in_joints(robot, path.joints), path.path
     return plan_request(robot, Request.of(robot, path, **options))
 
 
@@ -332,7 +337,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool 
         if plan.law.degree > least_degree:
             reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
         if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed: try --law optimal"
+            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed"
     return replace(plan, reason=reason)
 
 
@@ -417,6 +422,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     evidence = getattr(refusal, "evidence", None)
     if not isinstance(evidence, SearchEvidence):
         return None
+    if evidence.start_speed is not None:
+        return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:
         return {"longest" if request.duration is None else "duration": evidence.duration}
     if evidence.limits is None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import point
+from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OptimalLaw
@@ -20,7 +21,7 @@ from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.request import PEAK_SAMPLES
-from framework.planning.result import CrossingPlan
+from framework.planning.result import Crossing, CrossingPlan
 from framework.singularity.type2 import moves_point
 from framework.tolerances import FILE_ROUNDING
 
@@ -161,9 +162,22 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
         }
         texts = [text.format(crossing, **words) for text in CROSSING]
         facts += map(Fact, ("crossing", ""), texts)
+        if robot.description.platform.joints:
+            facts.append(Fact("", _frame_text(plan, crossing)))
         if loaded is not None:
             facts.append(Fact("", LOADED.format(loaded, unit)))
     return facts or [Fact("crossing", "none")]
+
+
+def _frame_text(plan: CrossingPlan, crossing: Crossing) -> str:
+    """Return the place of the platform's frame at a crossing and its twist for t_s, in words."""
+    robot = plan.robot
+    frames = frames_at(robot, plan.configuration(crossing.time)[None])
+    velocity, turn = np.split(robot.platform.frame_twist(frames, crossing.twist[None])[0], 2)
+    return (
+        f"{robot.description.platform.frame} at {point(frames.platform_origin[0])} m, in t_s with the "
+        f"velocity {point(velocity)} and the turn {point(turn)}"
+    )
 
 
 def certificate_facts(plan: CrossingPlan) -> list[Fact]:
@@ -202,7 +216,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > FILE_ROUNDING:
+    if certificate.end_speed > FILE_ROUNDING and not any(plan.request.ends.moving):
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))

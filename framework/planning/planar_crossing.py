@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import inertial_forces, static_forces
+from framework.dynamics.path_forces import PathForces
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_rates import motion_at, motor_speeds
+from framework.kinematics.motion_rates import motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import Path
@@ -122,12 +122,9 @@ class PlanarCrossing(NamedTuple):
             closed: the poses at s.
             motion: joint rates (M, nv) of the uncontrolled motion.
         """
-        robot, path = self.robots[gravity], self.searched.branch.path
-        slope, curvature = path(s, 1), path(s, 2)
-        weight = static_forces(robot, closed.q)
-        at_unit_speed = inertial_forces(robot, motion_at(robot, closed, slope, curvature))
-        at_unit_acceleration = inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope))
-        forces = np.stack([weight, at_unit_speed, at_unit_acceleration], axis=1)  # (M, 3, nv)
+        branch = replace(self.searched.branch, robot=self.robots[gravity])
+        static, centrifugal, inertial, *_ = PathForces.along(branch, s, closed)
+        forces = np.stack([static, centrifugal, inertial], axis=1)  # (M, 3, nv)
         return np.sum(forces * motion[:, None], axis=2)
 
 

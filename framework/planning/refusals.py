@@ -62,6 +62,8 @@ The optimal law:
         kinematics.continuation.tracking.uncontrolled_error
     NoLaw: a motor cannot hold or drive the robot at an end of the path, or limits are too low
         planning.optimal.undeformed_law.refuse_law
+    NoLaw: the motion starts too fast to brake within the limits
+        planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
@@ -243,6 +245,7 @@ class SearchEvidence(NamedTuple):
     quickest: the least duration [s] found within the limits, of the undeformed robot; None without a law.
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
+    start_speed: the derivatives of s at a slower start from which a law was found within the limits.
     """
 
     cells: int
@@ -250,6 +253,7 @@ class SearchEvidence(NamedTuple):
     quickest: float | None = None
     limits: dict[str, Array] | None = None
     duration: float | None = None
+    start_speed: tuple[float, ...] | None = None
 
     @property
     def sentence(self) -> str:
@@ -270,6 +274,8 @@ class SearchEvidence(NamedTuple):
                     parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
+        if self.start_speed is not None:
+            parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
+from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, PathToCross
@@ -134,6 +136,38 @@ class CrossingPlan:
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
+    def restart(
+        self, t: float, path: Path | Array | Sequence[float] | None = None, **options: Any
+    ) -> CrossingPlan:
+        """Plan on from an instant t [s], along another path, to a goal, or along the rest of this path.
+
+        The new plan starts with the position, speed and acceleration that this one has at t, and with its
+        torques; `chain_plans` makes one motion of both.
+
+        Args:
+            t: in (0, duration], where the platform moves.
+            path: starts at platform(t), in the direction of its motion and with its curvature; of an elastic
+                robot also with its derivatives up to order 4. Platform coordinates (n,) are the goal of a
+                curve that does so.
+            options: those of `plan_crossing` except start_speed, such as duration, end_speed or limits;
+                friction, geometry and wrenches are those of this plan if not given.
+
+        Raises:
+            InvalidInput: the path does not continue the motion, or an option is invalid.
+            NoAnswer: as `plan_crossing`.
+
+        Example:
+            >>> from framework import Line, load_robot, plan_crossing
+            >>> path = Line([0.1, 0.345], [-0.05, 0.195])
+            >>> plan = plan_crossing(load_robot("five_bar"), path, duration=1.5)
+            >>> slower = plan.restart(0.5, duration=2.0)
+            >>> bool(abs(slower.torque(0.0) - plan.torque(0.5)).max() < 1e-9)
+            True
+        """
+        chain = import_module("framework.planning.chain")  # which plans, and so stands above this module
+        restarted: CrossingPlan = chain.restart_plan(self, t, path, **options)
+        return restarted
+
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
@@ -192,6 +226,8 @@ class CrossingPlan:
         for joint, excess in positions_beyond_limits(limits, q).items():
             yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
 
+    _repr_mimebundle_ = notebook_picture("plan_picture")
+
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
@@ -212,6 +248,17 @@ class CrossingPlan:
             columns: names of columns, or prefixes that several names share, such as torque; all by default.
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
+
+    def save(self, folder: str | PathLike[str]) -> FilePath:
+        """Write plan.json into a folder, for `load_plan`, and return the file.
+
+        Raises:
+            InvalidInput: the path or the law is a function of your own, which cannot be written.
+            OutputError: it cannot be written.
+        """
+        from framework.planning import save_plan
+
+        return save_plan(self, folder)
 
     def to_csv(
         self,

@@ -61,6 +61,7 @@ from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_files
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
+from framework.planning.joint_path import in_joints
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
@@ -111,6 +112,7 @@ _PLAN_TABLE: Table = {
     "robot_file": required(text),
     "parameters": optional(mapping_of(number), {}),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
+    "platform_joints": optional(or_null(list_of(text)), None),
     "duration": required(positive),
     "request": required(  # options are checked as those of a call
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
@@ -128,7 +130,7 @@ _PLAN_TABLE: Table = {
 # ------------------------------------------------------------------ writing
 
 
-def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
+def save_plan(plan: CrossingPlan, folder: str | os.PathLike[str]) -> FilePath:
     """Write plan.json into a folder, for `load_plan`, and return the file.
 
     Raises:
@@ -160,6 +162,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "robot_file": robot_name_or_file(plan.robot, folder),
             "parameters": plan.robot.description.parameters,
             "flexibility": plan.robot.flexibility,
+            "platform_joints": plan.robot.description.platform.joints or None,
             "geometry": plan.geometry,
             "duration": plan.duration,
             "request": _request_document(plan.request),
@@ -357,7 +360,11 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
                 f"{file}: robot_file: there is no {source}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(source, flexibility=stated["flexibility"], parameters=stated["parameters"])
+    robot = ParallelRobot.from_file(
+        source, flexibility=stated["flexibility"], parameters=stated["parameters"]
+    )
+    joints = stated["platform_joints"]
+    return robot if joints is None else in_joints(robot, joints)
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:

@@ -1,6 +1,6 @@
 from framework.show.drawing import draw_robot, plot_still
 from framework.show.film import Film, film_limit, film_motion, film_plan
-from framework.show.jupyter import plan_picture, robot_picture, show_figure, show_film
+from framework.show.jupyter import map_picture, plan_picture, robot_picture, show_figure, show_film
 from framework.show.lesson import lesson_page
 from framework.show.map import map_page, plot_locus, plot_map, plot_motor_locus, save_map_figures
 from framework.show.moving import film_picture
@@ -39,6 +39,7 @@ __all__ = [
     "lesson_page",
     "line_style",
     "map_page",
+    "map_picture",
     "plan_picture",
     "plot_eyes",
     "plot_fidelity",

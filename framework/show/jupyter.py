@@ -1,9 +1,8 @@
-"""Pictures in Jupyter, with descriptions for readers who do not see them: `%load_ext framework.show.jupyter`.
+"""Pictures in Jupyter, with descriptions for readers who do not see them.
 
-The extension draws a robot at its reference, and a plan with its path, its locus and the eye of its first
-crossing. It keeps pictures out of the packages that define robots and plans. Descriptions are the `alt` of
-the output's metadata: IPython writes them there, and nbconvert's classic template reads them. Films are
-animated PNGs, which every renderer shows.
+A robot is drawn at its reference, a plan with its path, its locus and the eye of its first crossing, a map by
+its first quantity. Descriptions are the `alt` of the output's metadata: IPython writes them there, and
+nbconvert's classic template reads them. Films are animated PNGs, which every renderer shows.
 """
 
 from __future__ import annotations
@@ -13,11 +12,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from framework.atlas.workspace_map import WorkspaceMap
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.planning.result import CrossingPlan
 from framework.show.captions import describe_film, display_name
 from framework.show.drawing import draw_robot
 from framework.show.film import Film, film_plan
+from framework.show.map import plot_map
 from framework.show.moving import film_picture
 from framework.show.style import figure_file, use_style
 
@@ -39,6 +40,15 @@ def plan_picture(plan: CrossingPlan) -> DescribedPicture:
     return film_picture([film], "png"), {"alt": describe_film(film)}
 
 
+def map_picture(workspace: WorkspaceMap) -> DescribedPicture:
+    """Draw the first quantity of a map."""
+    quantity = workspace.quantities[0]
+    with use_style():
+        ax = plot_map(workspace, quantity.key)
+        alt = f"Map of {display_name(workspace.robot.name)}: {quantity.name}"
+        return figure_file(ax.figure, "png", dpi=120), {"alt": alt}
+
+
 def show_figure(alt: str, drawing: Figure | None = None) -> None:
     """Show a figure with a description, pyplot's current one when None; close the figure."""
     import matplotlib.pyplot as plt
@@ -58,7 +68,4 @@ def show_film(films: Sequence[Film], alt: str) -> None:
 
 
 def load_ipython_extension(ipython: Any) -> None:
-    """Show robots and plans at the end of a cell as pictures; called by `%load_ext`."""
-    formatter = ipython.display_formatter.formatters["image/png"]
-    formatter.for_type(ParallelRobot, robot_picture)
-    formatter.for_type(CrossingPlan, plan_picture)
+    """Do nothing: robots, plans and maps show themselves; `%load_ext` of notebooks of 0.7 goes in 0.9."""

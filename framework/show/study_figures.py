@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
-from framework.control.closed_loop import ControlLoop
+from framework.control.sensors import ControlLoop
 from framework.control.study import Study
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
 from framework.numerics.arrays import Array, BoolArray

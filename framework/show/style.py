@@ -25,11 +25,13 @@ COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # o
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (9, 3)))
 CROSSING = "#444444"
 # Each of the colours below has one meaning. Blue, orange and yellow are left to the robots.
-LOCUS, TWIST, WRENCH = "#6212a8", "#14181d", "#a81560"
+LOCUS = "#6212a8"
+TWIST, WRENCH = "#14181d", "#a81560"
 PATH = "#00a572"
 GIVEN = "#70baff"  # forces that the motors can give
 BAND: Style = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
-ALARM, GOOD = "#c8141e", "#14504f"
+ALARM = "#c8141e"
+GOOD = "#14504f"
 LINE, AXIS = "#d8dde3", "#9aa4af"
 UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
 PAGE_COLORS = {  # by their names in the CSS of the pages
@@ -57,6 +59,34 @@ PAGE_COLORS = {  # by their names in the CSS of the pages
     "good-ground": "#eef3f3",
     "alarm-ground": "#fcf1f2",
     "warning-ground": "#f5f0e8",
+}
+DARK_COLORS = {  # of the names that differ where readers ask for dark pages
+    "series-0": "#6cb2ff",
+    "series-1": "#ff8a3d",
+    "series-2": "#1fc79a",
+    "series-3": "#e07aa8",
+    "series-4": "#b5dcff",
+    "locus": "#c79bff",
+    "twist": "#eef2f7",
+    "wrench": "#ff8ad0",
+    "world": "#e3a878",
+    "path": "#8a949f",
+    "alarm": "#ff8f93",
+    "warning": "#e8b765",
+    "good": "#8ad9d6",
+    "idle": "#4a525c",
+    "busy": "#7fe0ee",
+    "unreal": "#66707b",
+    "ink": "#e6eaef",
+    "soft": "#aab4bf",
+    "line": "#3a434e",
+    "grid": "#2e3640",
+    "axis": "#6f7a86",
+    "paper": "#1b2129",
+    "ground": "#12171d",
+    "good-ground": "#16302f",
+    "alarm-ground": "#3a1d20",
+    "warning-ground": "#332a18",
 }
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
 DPI = 200
@@ -95,8 +125,13 @@ def use_style() -> AbstractContextManager[None]:
 
 
 def page_colors() -> str:
-    """Return the CSS variables of the pages' colours: --locus and so on."""
-    return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
+    """Return the CSS variables of the pages' colours: --locus and so on; on screens that ask for it, dark."""
+    light, dark = (
+        ":root { " + " ".join(f"--{name}: {color};" for name, color in colors.items()) + " }"
+        for colors in (PAGE_COLORS, DARK_COLORS)
+    )
+    scheme = ":root { color-scheme: light dark; }"
+    return f"{light}\n{scheme}\n@media screen and (prefers-color-scheme: dark) {{ {dark} }}"
 
 
 def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> list[Axes]:

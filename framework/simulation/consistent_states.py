@@ -287,7 +287,7 @@ def accelerations(
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
 
-    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v))
+    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v), q, v)
     a = -matvec(closing, drift)  # a_0, (T, nv)
 
     # Solve Z' M Z alpha = Z' (force - M a_0). For motions without mass the equation is alpha = 0: their rows

@@ -30,7 +30,6 @@ import pinocchio as pin
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import AXES
 from framework.numerics.arrays import Array
 from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
@@ -41,7 +40,6 @@ from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomia
 from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
 
 MAX_STEPS = 1_000_000  # of methods with steps of one length
-CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
 
 
 class MethodSettings(NamedTuple):
@@ -149,7 +147,8 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
         raise NotConverged(
             f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
-            f"unresolved; take steps of {advised:.1g} s, or method stiff",
+            f"unresolved; as the error falls with the square of the step, about {advised:.1g} s leave a "
+            f"tenth of what is allowed (method stiff chooses its steps)",
             residual=error,
         )
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
@@ -229,7 +228,7 @@ def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) 
             if not all(np.all(np.isfinite(part)) for part in step.end):
                 raise NotConverged(
                     f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
-                    f"singular there; take a shorter step than {length:.3g} s, or method stiff",
+                    f"singular there; the steps are of {length:.3g} s (method stiff chooses its own)",
                     residual=start,
                 )
             states.append(step.end)
@@ -311,26 +310,11 @@ class ContactDynamics:
         """
         _check_contact_robot(equations)
         robot = equations.robot
-        rows = equations.robot.rows
         model = robot.model.copy()
         model.armature[:] += equations.rotors
 
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-        # all rows of a closure, named CLOSURE.AXIS, have the same two frames, so any row identifies them
-        row_of = {name.rpartition(".")[0]: row for row, name in enumerate(rows.names)}
-        for closure in robot.description.closures:
-            row = row_of[closure.name]
-            first = model.frames[robot.frames[rows.first[row]]]
-            second = model.frames[robot.frames[rows.second[row]]]
-            contact = pin.RigidConstraintModel(
-                CONTACT_TYPES[closure.axes],
-                model,
-                first.parentJoint,
-                first.placement,
-                second.parentJoint,
-                second.placement,
-                pin.ReferenceFrame.LOCAL,
-            )
+        for contact in robot.constraint_models():
             # Baumgarte stabilisation of the gap e: e" + Kd e' + Kp e = 0 is critically damped
             gains = contact.m_baumgarte_parameters
             gains.Kp = 1 / closing**2
@@ -354,13 +338,6 @@ class ContactDynamics:
 def _check_contact_robot(equations: EquationsOfMotion) -> None:
     """Raise InvalidInput for a robot that pinocchio's contact solver cannot treat."""
     robot = equations.robot
-    others = [c.name for c in robot.description.closures if c.axes not in CONTACT_TYPES]
-    others += [coupling.name for coupling in robot.description.couplings]
-    if others:
-        raise InvalidInput(
-            f"{robot.name}: pinocchio's contact dynamics knows loops of kind spherical and fixed, "
-            f"not {', '.join(others)}; use another method"
-        )
     if robot.has_balls:
         raise InvalidInput(
             f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"

@@ -379,7 +379,9 @@ class Stepper:
     def drift(self, frames: FrameStack, v: Array) -> Array:
         """Compute second time derivatives (R, r) of the loop equations without joint accelerations."""
         twists = body_twists(self.robot, frames.q, v, np.zeros_like(v), self._models(len(v)))
-        return closure_drift(self.equations[0].rows, move_with_bodies(self.robot, frames, twists))
+        return closure_drift(
+            self.equations[0].rows, move_with_bodies(self.robot, frames, twists), frames.q, v
+        )
 
 
 def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:

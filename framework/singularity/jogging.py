@@ -70,7 +70,7 @@ class JoggedPose:
     level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
     verdict: str  # level and kind in words
-    twist: Array  # (n,) the least controlled twist, of unit size
+    twist: Array  # (n,) t_s, or beside the locus what comes nearest, of unit size
     stopped: str  # why the motion ended early, or ""
 
 

@@ -50,7 +50,7 @@ class SingularPoint(ReadOnlyArrays):
 
     Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
     `resolution` is None for transversal points, and where it was not measured. At a point that the user
-    imposes (contact "imposed") the pose need not be singular; its motion is the least controlled one.
+    imposes (contact "imposed") the pose need not be singular; its motion opens the loops least.
     """
 
     s: float

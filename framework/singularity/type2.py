@@ -183,14 +183,16 @@ def signed_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 class SingularityMeasure(NamedTuple):
-    """The measure g and the least controlled motion, at T configurations."""
+    """The measure g and the uncontrolled motion, or what comes nearest, at T configurations."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) joint rates with locked motors that open the loops least, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
-    """Compute g (T,) and the least controlled motion (T, nv) at successive configurations, for figures.
+    """Compute g (T,) and the uncontrolled motion (T, nv) at successive configurations, for figures.
+
+    Where no motion is uncontrolled, it is the one with locked motors that opens the loops least.
 
     g and the motion are continuous, except that g has a kink and the motion jumps where the two least
     singular values are equal. So roots are found on the smooth measures of `bordered_system` instead.

@@ -39,8 +39,10 @@ STATES = {
 def test_axe_finds_nothing(opened, kind):
     tab = opened(PAGES[kind](), width=1440)
     states = STATES.get(kind, ["0"])
-    for width, state in [*((1440, state) for state in states), (390, states[-1])]:
+    light = [(1440, state, "light") for state in states]
+    for width, state, scheme in [*light, (1440, states[-1], "dark"), (390, states[-1], "light")]:
         tab.set_viewport_size({"width": width, "height": 844})
+        tab.emulate_media(color_scheme=scheme)
         tab.evaluate(state)
         answer = axe.Axe().run(tab).response
         assert len(answer["passes"]) > 10

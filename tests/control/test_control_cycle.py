@@ -152,3 +152,25 @@ def test_what_cannot_be_is_refused_by_name():
             cycle.update(motors, [0.0, 0.0])
     with pytest.raises(InvalidInput, match="none of them can move"):
         ControlCycle(robots.load("two_arms"))
+
+
+@pytest.mark.parametrize("name", ["five_bar", "delta"])
+def test_a_smooth_motion_takes_one_linearisation_a_cycle(name, monkeypatch):
+    robot = robots.load(name)
+    cycle = ControlCycle(robot)
+    start = robot.actuated_coordinates(robot.reference.q[None])[0]
+    amplitudes = 0.02 * np.array([1.0, -0.7, 0.4])[: robot.n_a]
+    poses = []
+    evaluate_pose = control_cycle.SinglePose.evaluate_pose
+    monkeypatch.setattr(
+        control_cycle.SinglePose, "evaluate_pose", lambda self, q: [poses.append(q), evaluate_pose(self, q)]
+    )
+    counts = []
+    for t in 1e-3 * np.arange(1, 60):  # at 1 kHz, up to 0.08 rad/s
+        poses.clear()
+        cycle.update(start + amplitudes * np.sin(4.0 * t), 4.0 * amplitudes * np.cos(4.0 * t))
+        counts.append(len(poses))
+    assert set(counts[4:]) == {1}
+    exact = forward_kinematics(robot, start + amplitudes * np.sin(4.0 * t))
+    np.testing.assert_allclose(cycle.q, exact.q, rtol=0.0, atol=1e-13)
+    assert cycle.residual < 1e-14

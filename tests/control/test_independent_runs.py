@@ -18,8 +18,8 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
-from framework.control.closed_loop import apply_variation
 from framework.control.controllers import RobotState
+from framework.control.variations import apply_variation
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 
@@ -63,7 +63,12 @@ def seen_by(name, k):
         around(ref.x[k], 1e-3),
         around(ref.dx[k], 1e-2),
     )
-    return Measurement(around(ref.motor_angle[k], 1e-2), around(ref.motor_speed[k], 1e-1), state)
+    return Measurement(
+        around(ref.motor_angle[k], 1e-2),
+        around(ref.motor_speed[k], 1e-1),
+        state,
+        around(np.zeros(ref.robot.n_a), 1e-3),  # of lqg, with encoders on the motors
+    )
 
 
 @pytest.mark.parametrize("sensors", ["motors", "joints"])
@@ -78,7 +83,8 @@ def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sen
         together = law.torque(k, everyone)
         for runs in stacks(len(together)):
             state = everyone.state and RobotState(*(part[runs] for part in everyone.state))
-            some = Measurement(everyone.motor_angle[runs], everyone.motor_speed[runs], state)
+            readings = everyone.readings[runs]
+            some = Measurement(everyone.motor_angle[runs], everyone.motor_speed[runs], state, readings)
             np.testing.assert_array_equal(law.torque(k, some), together[runs])
 
 

@@ -7,9 +7,8 @@ import pytest
 
 import robots
 from framework import assemble, plan_scene
-from framework.control.closed_loop import ControlLoop, Spread
+from framework.control import CONTROLLERS, ControlLoop, Spread, reference_of, tuned_controller
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import CONTROLLERS, reference_of, tuned_controller
 from framework.control.study import run_study
 
 SCENES = ("pick", "pick-mirrored")

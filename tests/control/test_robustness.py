@@ -23,9 +23,9 @@ from framework.control import (
     tuned_controller,
 )
 from framework.control import study as study_module
-from framework.control.closed_loop import apply_variation
 from framework.control.controllers import FeedforwardPD
 from framework.control.study import run_chunk
+from framework.control.variations import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 

@@ -160,7 +160,9 @@ def test_outliers_count_little_and_are_named():
 RODS = (0.3, 0.32)  # [m] of the two sliders below
 
 
-def sliders_with_rods(folder: Path, lengths: tuple[float, float]) -> ParallelRobot:
+def sliders_with_rods(
+    folder: Path, lengths: tuple[float, float], texts: tuple[str, ...] = ()
+) -> ParallelRobot:
     """Two sliders on the x axis that carry a point in the plane by rods, `distance` closures."""
     inertial = '<inertial><mass value="0.1"/>' + (
         '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -172,13 +174,16 @@ def sliders_with_rods(folder: Path, lengths: tuple[float, float]) -> ParallelRob
         link = children[name]
         text += f'<link name="{link}">{inertial}</link><joint name="{name}" type="prismatic">'
         text += f'<parent link="{parent}"/><child link="{link}"/><axis xyz="{" ".join(AXES[axis])}"/>'
+        text += '<origin xyz="${shift} 0 0"/>' if texts and name == "right" else ""
         text += '<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>'
     (folder / "sliders.urdf").write_text(text + "</robot>")
     closures = [
         f"  - {{name: rod_{a}, frames: [{a}, point], kind: distance, length: {length}}}"
-        for a, length in zip("ab", lengths, strict=True)
+        for a, length in zip("ab", texts or lengths, strict=True)
     ]
     file = folder / f"sliders_{lengths[0]}.yaml"
+    if texts:
+        closures.append(f"parameters: {{l: {lengths[0]}, shift: 0.0, unused: 1.0}}")
     lines = ["version: 1", "urdf: sliders.urdf", "platform: {frame: point, axes: [x, y]}", "actuators:"]
     lines += ["  - {joint: left}", "  - {joint: right}", "closures:", *closures]
     lines += ["reference: {left: -0.2, right: 0.2, tx: 0.0, ty: 0.23}"]
@@ -230,6 +235,68 @@ def test_lengths_of_distance_closures_are_calibrated(names, columns, tmp_path):
     written = ParallelRobot.from_file(found.write(tmp_path / "new"))
     lengths = [closure.length for closure in written.description.closures]
     np.testing.assert_allclose(lengths, np.add(RODS, found.values), rtol=1e-12)
+
+
+def test_numbers_of_the_robot_file_are_calibrated_by_name(tmp_path):
+    """Both rods grow with l, and `shift` places the right slide, whose encoder shows an offset."""
+    nominal = sliders_with_rods(tmp_path, RODS, ("${l}", "${l + 0.02}"))
+    data = only(heights((RODS[0] + 2e-3, RODS[1] + 2e-3), 1e-5), *MEASURED)
+    values = data.values.copy()
+    values[:, 1] -= 1e-3
+    shifted = Recording("poses", data.names, values)
+    found = calibrate(nominal, shifted, joints=["l", "shift"], noise={"motor_angle": 1e-9})
+    assert found.geometry.names == ("l", "shift")
+    assert (np.abs(found.values - [2e-3, 1e-3]) < 4.0 * found.deviations).all()
+    assert found.deviations.max() < 1e-5
+    lengths = [closure.length for closure in found.calibrated_robot().description.closures]
+    np.testing.assert_allclose(lengths, np.add(RODS, found.values[0]), rtol=0, atol=1e-12)
+    with pytest.raises(InvalidInput, match="unused changes no joint origin and no length"):
+        calibrate(nominal, data, joints=["unused"])
+
+
+def measured_by(column: str, values: np.ndarray, lengths: tuple[float, float], x, y) -> Recording:
+    """Positions of the sliders by the closed form with the point at x, y, and what a fixture shows there."""
+    left, right = x - np.sqrt(lengths[0] ** 2 - y**2), x + np.sqrt(lengths[1] ** 2 - y**2)
+    names = ("motor_angle_left", "motor_angle_right", column)
+    return Recording("poses", names, np.column_stack([left, right, values]))
+
+
+def test_a_ball_bar_from_an_unknown_point_calibrates_lengths(tmp_path):
+    """Distances from a point beside the plane of the mechanism, whose place is found as well."""
+    true, centre = (RODS[0] + 2e-3, RODS[1] - 1.5e-3), np.array([0.03, -0.2, 0.05])
+    random = np.random.default_rng(2)
+    x, y = random.uniform(-0.08, 0.08, 60), random.uniform(0.18, 0.27, 60)
+    distance = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + centre[2] ** 2)
+    data = measured_by("distance_bar", distance + 1e-6 * random.standard_normal(60), true, x, y)
+    nominal = sliders_with_rods(tmp_path, RODS)
+    options = {"joints": ["rod_a", "rod_b"], "noise": {"motor_angle": 1e-9, "platform": 1e-6}}
+    found = calibrate(nominal, data, **options)
+    assert found.geometry.names[2:] == ("distance_bar.x", "distance_bar.y", "distance_bar.z")
+    off = np.abs(found.values[:2] - np.subtract(true, RODS))
+    assert (off < 4.0 * found.deviations[:2]).all()
+    assert found.deviations[:2].max() < 1e-4
+    (fixture,) = found.geometry.fixtures
+    off_centre = np.abs(np.abs(fixture.start + found.values[2:]) - np.abs(centre))
+    assert (off_centre < 4.0 * found.deviations[2:]).all()
+
+
+@pytest.mark.parametrize("gauges", [(0.0,), (0.0, 0.02, 0.05)], ids=["one height", "gauge blocks"])
+def test_touches_of_a_plane_show_what_their_heights_show(gauges, tmp_path):
+    """At one height rods and plane are the same to the slides; blocks of known height tell them apart."""
+    true = (RODS[0] + 2e-3, RODS[1] + 2e-3)
+    x = np.tile(np.linspace(-0.08, 0.08, 20), len(gauges))
+    block = np.repeat(gauges, 20)
+    y = 0.2 + 0.03 * x + block
+    touched = y + 1e-6 * np.random.default_rng(3).standard_normal(len(y))  # not quite the point
+    data = measured_by("touch_y", block, true, x, touched)
+    options = {"joints": ["rod_a", "rod_b"], "noise": {"motor_angle": 1e-6, "platform": 1e-6}}
+    found = calibrate(sliders_with_rods(tmp_path, RODS), data, **options)
+    assert found.geometry.names[2:] == ("touch_y.height", "touch_y.slope_x", "touch_y.slope_z")
+    off = np.abs(found.values[:2] - np.subtract(true, RODS))
+    assert (off < 4.0 * found.deviations[:2] + 1e-6).all()
+    sum_is_seen = abs(found.values[:2].sum() - 4e-3) < 1e-4
+    assert sum_is_seen == (len(gauges) > 1)
+    assert any("touch_y.slope_z" in said for said in found.unseen)
 
 
 @pytest.mark.parametrize(

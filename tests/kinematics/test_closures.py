@@ -62,7 +62,7 @@ def test_closed_loops_allow_what_rows_written_anew_allow(name):
     allowed = v - scale * (np.linalg.pinv(ours * scale, rcond=1e-9) @ (ours @ v))
     kinematics(model, data, q, allowed)
     anew = closure_rows(model, data, robot.description.closures)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, allowed[None]))[0]
+    drift = closure_drift(robot.rows, frame_motions(robot, at, allowed[None]), q[None], allowed[None])[0]
     a = scale * np.linalg.lstsq(ours * scale, -drift, rcond=1e-9)[0]
     size = max(np.abs(drift).max(), np.abs(anew.drift).max(), robot.length)
     np.testing.assert_allclose(ours @ a, -drift, rtol=0, atol=1e-9 * size)

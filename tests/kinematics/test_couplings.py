@@ -1,13 +1,16 @@
-"""Couplings of joints, q_a = ratio q_b + offset, against closed forms."""
+"""Couplings of joints, linear ones and polynomials, against closed forms."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import yaml
 
 import robots
 from framework import (
+    ControlCycle,
     InvalidInput,
     Line,
     OutOfReach,
@@ -15,14 +18,16 @@ from framework import (
     RobotFileError,
     assemble,
     dynamics_at,
+    dynamics_derivatives,
     locate_singularities,
     plan_crossing,
     simulate,
 )
 from framework.files.mjcf import mjcf_text
+from framework.kinematics.couplings import coupling_derivatives, coupling_jacobian
 from framework.kinematics.linearised_loops import linearised_at
 from framework.model import read_robot_file
-from framework.model.description import Coupling
+from framework.model.description import Coupling, lock_couplings
 from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.derivative_bounds import DerivativeBounds
 from tests.robots.transformed import in_other_units
@@ -118,8 +123,9 @@ def test_derivatives_of_coupled_loops_are_those_of_differences():
     assert rows.names[-1] == "right_motor_of_left_elbow.q"
     q = robot.reference.q[None]
     columns = [robot.coordinates.names.index(name) for name in ("right_motor", "left_elbow")]
-    assert rows.coupling_residual(q)[0, 0] == pytest.approx(q[0, columns[0]] - 0.7 * q[0, columns[1]] - 1.2)
-    np.testing.assert_allclose(rows.coupling_jacobian(4)[-1, columns], [1.0, -0.7])
+    residual = q[0, columns[0]] - 0.7 * q[0, columns[1]] - 1.2
+    assert coupling_derivatives(rows, q, 0)[0, 0] == pytest.approx(residual)
+    np.testing.assert_allclose(coupling_jacobian(rows, q, 4)[0, -1, columns], [1.0, -0.7])
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-9])
@@ -167,4 +173,119 @@ def test_couplings_are_written_and_read_again(cardan, tmp_path):
 def test_what_couples_nothing_is_refused(write_robot, coupling, message):
     with pytest.raises(RobotFileError) as raised:
         read_robot_file(write_robot(("couplings", [coupling])))
+    assert message in str(raised.value)
+
+
+BENT_URDF = f"""<robot name="bent"><link name="base"/><link name="arm">{_BODY.format(*ARM)}</link>
+<link name="rod">{_BODY.format(*ROD)}</link><link name="head">{_BODY.format(0.7, 0.05, 0.004)}</link>
+<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+<joint name="b" type="continuous"><parent link="arm"/><child link="rod"/><origin xyz="{LENGTH} 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="c" type="prismatic"><parent link="rod"/><child link="head"/><axis xyz="1 0.5 0.2"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+BENT_YAML = f"""version: 1
+urdf: bent.urdf
+gravity: [0, -{WEIGHT}, 0]
+platform: {{joints: [a, b]}}
+actuators: [{{joint: a}}, {{joint: c}}]
+couplings:
+- joint: c
+  of: a
+  ratio: 0.3
+  offset: 0.1
+  terms: {{b: -0.2, a*a: 0.4, a*b: 0.25, b*b*b: -0.15}}
+"""
+
+
+@pytest.fixture
+def bent(tmp_path) -> ParallelRobot:
+    """Return a chain whose slide c follows its hinges a and b: c = f(a, b), motors on a and c."""
+    (tmp_path / "bent.urdf").write_text(BENT_URDF, encoding="utf-8")
+    (tmp_path / "bent.yaml").write_text(BENT_YAML, encoding="utf-8")
+    return ParallelRobot.from_file(tmp_path / "bent.yaml")
+
+
+def bent_motion(x, dx, ddx):
+    """Joint positions, rates and accelerations (3,) each, and dq/dx (3, 2), by hand."""
+    a, b = x
+    c = 0.1 + 0.3 * a - 0.2 * b + 0.4 * a**2 + 0.25 * a * b - 0.15 * b**3
+    slopes = np.array([0.3 + 0.8 * a + 0.25 * b, -0.2 + 0.25 * a - 0.45 * b**2])
+    bends = np.array([[0.8, 0.25], [0.25, -0.9 * b]])
+    G = np.vstack([np.eye(2), slopes])
+    return np.append(x, c), G @ dx, np.append(ddx, slopes @ ddx + dx @ bends @ dx), G
+
+
+def bent_torque(robot, x, dx, ddx):
+    """Torques of the motors a and c by the principle of virtual work on the open tree."""
+    q, v, a, G = bent_motion(x, dx, ddx)
+    forces = pin.rnea(robot.model, robot.model.createData(), q, v, a)
+    return np.linalg.solve(G[[0, 2]].T, G.T @ forces)
+
+
+STATE = (np.array([0.4, -0.7]), np.array([0.9, 1.3]), np.array([-2.0, 3.0]))
+
+
+def test_torques_and_their_derivatives_follow_a_polynomial_of_two_joints(bent):
+    x, dx, ddx = STATE
+    q = assemble(bent, x).q
+    np.testing.assert_allclose(q, bent_motion(*STATE)[0], atol=1e-14)
+    instant = dynamics_at(bent, q, dx=dx, ddx=ddx)
+    np.testing.assert_allclose(instant.torque, bent_torque(bent, *STATE), rtol=1e-12)
+    derivatives = dynamics_derivatives(bent, q, dx=dx, ddx=ddx)
+    for k, slope in enumerate((derivatives.torque_x, derivatives.torque_dx, derivatives.torque_ddx)):
+        for j, step in enumerate(1e-5 * np.eye(2)):
+            ends = [[*STATE[:k], STATE[k] + sign * step, *STATE[k + 1 :]] for sign in (1, -1)]
+            high, low = (bent_torque(bent, *end) for end in ends)
+            np.testing.assert_allclose(slope[:, j], (high - low) / 2e-5, atol=1e-8)
+
+
+def test_the_robot_and_its_controller_follow_a_polynomial(bent):
+    plan = plan_crossing(bent, Line([0.3, 0.1], [0.5, -0.2]), duration=1.0)
+    for t in (0.2, 0.7):
+        expected = bent_torque(bent, *(plan.platform(t, order) for order in range(3)))
+        np.testing.assert_allclose(plan.torque(t), expected, rtol=1e-9)
+    assert simulate(bent, plan).tracking_error < 1e-9
+    q, v, a, _ = bent_motion(*STATE)
+    cycle = ControlCycle(bent, near=q)
+    cycle.update(q[[0, 2]], v[[0, 2]])
+    np.testing.assert_allclose(cycle.torque(a[[0, 2]]), bent_torque(bent, *STATE), rtol=1e-9)
+
+
+def test_mujoco_has_no_equality_for_a_product_of_joints(bent):
+    with pytest.raises(InvalidInput, match=r"no equality for coupling 'c_of_a' of c, a, b \(valid"):
+        mjcf_text(bent)
+
+
+def test_a_polynomial_is_written_and_read_again(bent, tmp_path):
+    read = read_robot_file(write_robot_file(bent.description, tmp_path / "out"))
+    assert read.couplings == bent.description.couplings
+
+
+def test_locked_joints_leave_the_polynomial_of_the_others(bent):
+    (coupling,) = bent.description.couplings
+    # c = 0.1 + 0.3 a - 0.4 + 0.4 a^2 + 0.5 a - 1.2 at b = 2
+    (left,), positions = lock_couplings([coupling], {"b": 2.0})
+    assert (left.joint, left.of, left.terms, positions) == ("c", "a", ((("a", "a"), 0.4),), {})
+    assert (left.ratio, left.offset) == (pytest.approx(0.8), pytest.approx(-1.5))
+    assert lock_couplings([coupling], {"a": 1.0, "b": 2.0}) == ([], {"c": pytest.approx(-0.3)})
+    with pytest.raises(RobotFileError, match="no unique solution where c is locked: lock a and b"):
+        lock_couplings([coupling], {"c": 0.0})
+    assert lock_couplings([Coupling("c", "a", 2.0, 0.5)], {"c": 1.5}) == ([], {"a": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"b*d": 1.0}, "couplings[0].terms.b*d: unknown joint 'd'"),
+        ({"a": 1.0}, "couplings[0].terms.a: the factor of 'a' alone is the key `ratio`"),
+        ({"b*c": 1.0}, "couplings[0].terms.b*c: needs other joints than 'c'"),
+        ({"a*b": 1.0, "b * a": 2.0}, "couplings[0].terms.b * a: stands twice"),
+        ({"a*a*a*b*b": 1.0}, "couplings[0].terms.a*a*a*b*b: at most 4 joints are multiplied"),
+    ],
+)
+def test_terms_that_mean_nothing_are_refused(bent, tmp_path, terms, message):
+    content = {**yaml.safe_load(BENT_YAML), "couplings": [{"joint": "c", "of": "a", "terms": terms}]}
+    (tmp_path / "bent.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(RobotFileError) as raised:
+        read_robot_file(tmp_path / "bent.yaml")
     assert message in str(raised.value)

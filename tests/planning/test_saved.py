@@ -34,7 +34,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("saved")
     robot = robots.load("five_bar", flexibility="flexible_links")
     plan = plan_crossing(robot, LINE, duration=1.5, times=[1.0], speeds=[1.5])
-    save_plan(plan, folder)
+    assert plan.save(folder) == folder / "plan.json"
     return plan, folder
 
 

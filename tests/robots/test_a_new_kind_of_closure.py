@@ -99,7 +99,7 @@ def test_rows_and_their_derivatives_are_those_of_the_closed_form(kind):
     jacobian = np.array([errors(robot, q + step) - errors(robot, q - step) for step in steps]).T / (2 * h)
     np.testing.assert_allclose(loops.jacobian[0], jacobian, atol=1e-7)  # h^2
     bend = (errors(robot, q + h * v) - 2 * errors(robot, q) + errors(robot, q - h * v)) / h**2
-    drift = closure_drift(robot.rows, frame_motions(robot, frames, v[None]))[0]
+    drift = closure_drift(robot.rows, frame_motions(robot, frames, v[None]), q[None], v[None])[0]
     np.testing.assert_allclose(drift, bend, atol=1e-6)  # h^2, and rounding over h^2
     multipliers = np.arange(1.0, 1 + len(bend))
     curvature = loop_curvature(robot, robot.rows, frames, multipliers[None])[0]
@@ -109,7 +109,7 @@ def test_rows_and_their_derivatives_are_those_of_the_closed_form(kind):
     np.testing.assert_allclose(single.residual, loops.residual[0], atol=1e-15)
     np.testing.assert_allclose(single.jacobian, loops.jacobian[0], atol=1e-15)
     single.evaluate_motion(q, v)
-    np.testing.assert_allclose(single.drift(), drift, atol=1e-13)
+    np.testing.assert_allclose(single.drift(q, v), drift, atol=1e-13)
 
 
 @KINDS

@@ -65,7 +65,7 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
         for k in (1, 0, -1)
     )
     rate = np.einsum("tmv,tv->tm", loop_equations(robot.rows, at).jacobian, v)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, v))
+    drift = closure_drift(robot.rows, frame_motions(robot, at, v), q, v)
     np.testing.assert_allclose(rate, (ahead - back) / (2 * h), atol=1e-8)  # h^2 and eps / h
     np.testing.assert_allclose(drift, (ahead - 2 * here + back) / h**2, atol=3e-5)  # eps / h^2
     # of platform and of loops that suffice everywhere; their combination turns where loops are open

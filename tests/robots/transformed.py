@@ -169,7 +169,15 @@ def in_other_units(
     }
     unit = {str(joint.get("name")): 1.0 for joint in root.findall("joint")} | dict.fromkeys(slides, length)
     couplings = tuple(
-        replace(one, ratio=one.ratio * unit[one.joint] / unit[one.of], offset=one.offset * unit[one.joint])
+        replace(
+            one,
+            ratio=one.ratio * unit[one.joint] / unit[one.of],
+            offset=one.offset * unit[one.joint],
+            terms=tuple(
+                (product, value * unit[one.joint] / np.prod([unit[joint] for joint in product]))
+                for product, value in one.terms
+            ),
+        )
         for one in description.couplings
     )
     actuators = tuple(
@@ -233,7 +241,14 @@ def reversed_joints(description: RobotDescription) -> RobotDescription:
         urdf_text=ElementTree.tostring(root, encoding="unicode"),
         reference={joint: -value for joint, value in description.reference.items()},
         joints={name: replace(joint, rest=-joint.rest) for name, joint in description.joints.items()},
-        couplings=tuple(replace(one, offset=-one.offset) for one in description.couplings),
+        couplings=tuple(
+            replace(
+                one,
+                offset=-one.offset,
+                terms=tuple((product, -value * (-1.0) ** len(product)) for product, value in one.terms),
+            )
+            for one in description.couplings
+        ),
         scenes=_with_points(description, lambda x: -x if coordinates else x),
     )
 
@@ -269,7 +284,15 @@ def permuted_joints(description: RobotDescription, rng: np.random.Generator) -> 
         springs=tuple(replace(spring, after=names[spring.after]) for spring in description.springs),
         joints={names[name]: joint for name, joint in description.joints.items()},
         couplings=tuple(
-            replace(one, joint=names[one.joint], of=names[one.of]) for one in description.couplings
+            replace(
+                one,
+                joint=names[one.joint],
+                of=names[one.of],
+                terms=tuple(
+                    (tuple(names[joint] for joint in product), value) for product, value in one.terms
+                ),
+            )
+            for one in description.couplings
         ),
         reference={names[joint]: value for joint, value in description.reference.items()},
     )

@@ -1,7 +1,6 @@
 """Robots and films as pictures for paper, slides and READMEs."""
 
 import io
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +11,9 @@ from scipy.spatial import ConvexHull
 
 import robots
 from framework import InvalidInput, plan_scene
+from framework.atlas import survey_window, workspace_map
 from framework.kinematics.placements import frame_positions, joint_poses
 from framework.show.drawing import convex_hull, draw_robot, gallery_picture, plot_still
-from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
@@ -151,12 +150,12 @@ def test_several_films_move_side_by_side(monkeypatch):
         assert not np.array_equal(thirds[singular][:, scene], thirds[-1][:, scene])
 
 
-def test_robots_and_plans_show_themselves_in_jupyter():
+def test_robots_plans_and_maps_show_themselves_in_notebooks():
     formatters = pytest.importorskip("IPython.core.formatters")
-    notebook = SimpleNamespace(display_formatter=formatters.DisplayFormatter())
-    load_ipython_extension(notebook)
     robot = robots.load("five_bar")
-    for shown in (robot, plan_scene(robot, "C")):
-        found, _ = notebook.display_formatter.format(shown)
+    window = survey_window(robot, size=6)
+    for shown in (robot, plan_scene(robot, "C"), workspace_map(robot, window)):
+        found, described = formatters.DisplayFormatter().format(shown)
         assert found["image/png"].startswith(b"\x89PNG")
         assert found["text/plain"] == repr(shown)
+        assert len(described["image/png"]["alt"]) > 20

@@ -10,7 +10,7 @@ import pytest
 
 from framework.show import style
 from framework.show.plots import MISSES, THREADS
-from framework.show.style import PAGE_COLORS, line_style, page_colors
+from framework.show.style import DARK_COLORS, PAGE_COLORS, line_style, page_colors
 
 
 @cache
@@ -102,5 +102,14 @@ def test_pages_have_no_colours_of_their_own():
             assert not re.findall(r"#[0-9a-fA-F]{3,8}\b|0x[0-9a-fA-F]{6}\b|\brgb\(\d", text), file.name
             named = re.findall(r"var\(--([a-z0-9-]+)", text) + re.findall(r'\bink\("([a-z0-9-]+)"\)', text)
             assert set(named) <= PAGE_COLORS.keys() | {"view-height"}, file.name
-    written = dict(re.findall(r"--([a-z0-9-]+): (#[0-9a-f]{6});", page_colors()))
-    assert written == PAGE_COLORS
+    light, dark = page_colors().split("@media screen")
+    written = [dict(re.findall(r"--([a-z0-9-]+): (#[0-9a-f]{6});", part)) for part in (light, dark)]
+    assert written == [PAGE_COLORS, DARK_COLORS]
+
+
+@pytest.mark.parametrize(
+    "name", sorted({*DARK, "ink", "soft", "locus", "alarm", "warning", "good"} & DARK_COLORS.keys())
+)
+def test_text_is_readable_on_dark_pages(name):
+    for ground in ("paper", "ground"):
+        assert contrast(DARK_COLORS[name], DARK_COLORS[ground]) >= READABLE

@@ -147,7 +147,7 @@ def test_explicit_steps_know_springs_damping_feedback_and_events():
 @pytest.mark.parametrize(
     ("name", "flexibility", "step", "error", "message"),
     [
-        ("agile_eye", "rigid", None, InvalidInput, "spherical and fixed, not wrist_2, wrist_3"),
+        ("orthoglide", "rigid", None, InvalidInput, "loop rod_1b locks x, y; .*points and poses"),
         ("five_bar", "rigid", None, InvalidInput, "right_elbow moves no mass"),
         ("five_bar_heavy", "flexible_joints", 0.1, NotConverged, "runs away"),
     ],

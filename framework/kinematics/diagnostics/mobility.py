@@ -360,4 +360,4 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
 
 def coupled_joints(description: RobotDescription) -> list[str]:
     """Return the names of the joints of all couplings."""
-    return [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
+    return [name for coupling in description.couplings for name in coupling.joints]

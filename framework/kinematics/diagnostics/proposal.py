@@ -496,9 +496,11 @@ def _hold_joints(partial: PartialRobot, joints: Sequence[str], why: str) -> Part
     tree, description = partial.tree, partial.description
     for name in joints:
         tree.fix_at_reference(tree.joints[name], description.reference)
+    tree.fix_coupled_joints()
     remaining = set(tree.coordinates)
     description = replace(
         description,
+        couplings=tuple(tree.couplings),
         actuators=tuple(actuator for actuator in description.actuators if actuator.joint in remaining),
         joints={name: joint for name, joint in description.joints.items() if name in remaining},
         reference={name: value for name, value in description.reference.items() if name in remaining},

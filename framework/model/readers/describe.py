@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,7 +36,6 @@ from framework.model.description import (
     RobotDescription,
     kinds_with_length,
     locked_axes,
-    locked_through_couplings,
 )
 from framework.model.documents import parse_numbers, prefix_errors
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
@@ -122,7 +122,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     if options.base is not None:
         lock_outside_base(tree, options.base, reference)
     apply_locks(tree, options.locked, reference)
-    fix_coupled_joints(tree)
+    tree.fix_coupled_joints()
     loops = [closure for closure in tree.closures if _is_moving(tree, closure)]
     if not loops and not tree.couplings:
         raise _no_loop_error(options, tree.closures)
@@ -150,7 +150,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     urdf_text = tostring(tree.root, encoding="unicode")
     description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
-    return ParsedRobot(description, tree.root, dialect, remarks)
+    return ParsedRobot(description, tree.root, dialect, remarks, reference)
 
 
 def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
@@ -329,15 +329,6 @@ def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: d
         tree.fix_at_reference(joint, reference if value is None else dict.fromkeys(joint.coordinates, value))
 
 
-def fix_coupled_joints(tree: UrdfTree) -> None:
-    """Fix joints that are coupled with fixed joints, and drop their couplings."""
-    while further := locked_through_couplings(tree.couplings, tree.fixed_positions):
-        for name, position in further.items():
-            tree.fix(tree.joints[name], position)
-    moving = {joint.name for joint in tree.joints.values() if joint.moves}
-    tree.couplings = [coupling for coupling in tree.couplings if {coupling.joint, coupling.of} <= moving]
-
-
 # ------------------------------------------------------------------ motors and tendons
 
 
@@ -351,6 +342,8 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
     for drive in tree.transmissions:
         has_dynamics = replace(drive.dynamics, rest=0.0) != JointDynamics()
         arms, constant = reduce_to_leaders(tree, drive.arms)
+        if len(arms) > 1 and len(drive.arms) == 1:  # on one joint that follows several
+            arms, constant = dict(drive.arms), 0.0
         if len(arms) > 1:
             if drive.is_motor or has_dynamics:
                 text = f"{drive.name}: pulls at {' and '.join(arms)}, which move independently"
@@ -373,10 +366,10 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
 
 
 def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[str, float], float]:
-    """Express a length sum(arm q) by joints that follow no other.
+    """Express a length sum(arm q) by joints that follow no other linearly.
 
-    A joint that follows another by a coupling is replaced by q = ratio q_of + offset, a fixed joint by its
-    position. Offsets and fixed positions add up to a constant: length = sum(arm q) + constant.
+    A joint that follows others by a linear coupling is replaced by them, a fixed joint by its position.
+    Offsets and fixed positions add up to a constant: length = sum(arm q) + constant.
 
     Args:
         arms: moment arm of each joint.
@@ -385,22 +378,20 @@ def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[s
         The moment arms of the joints that move and follow no other, without zeros; the constant part of the
         length.
     """
-    coupling_of = {coupling.joint: coupling for coupling in tree.couplings}
-    reduced: dict[str, float] = {}
+    equations = {coupling.joint: coupling.equation for coupling in tree.couplings if coupling.is_linear}
+    length = defaultdict[str, float](float, arms)
     constant = 0.0
-    for joint, arm in arms.items():
-        leader = joint
-        leader_arm = arm
-        for _ in coupling_of:  # a chain of couplings is no longer than this
-            if coupling := coupling_of.get(leader):
-                constant += leader_arm * coupling.offset
-                leader_arm *= coupling.ratio
-                leader = coupling.of
-        if tree.joints[leader].moves:
-            reduced[leader] = reduced.get(leader, 0.0) + leader_arm
-        else:
-            constant += leader_arm * tree.fixed_positions.get(leader, 0.0)
-    return {joint: arm for joint, arm in reduced.items() if arm}, constant
+    for _ in equations:  # a chain of couplings is no longer than this
+        for joint in [joint for joint in length if joint in equations]:
+            arm = length.pop(joint)
+            for product, coefficient in equations[joint].items():
+                if not product:
+                    constant -= arm * coefficient
+                elif product != (joint,):
+                    length[product[0]] -= arm * coefficient
+    for joint in [joint for joint in length if not tree.joints[joint].moves]:
+        constant += length.pop(joint) * tree.fixed_positions.get(joint, 0.0)
+    return {joint: arm for joint, arm in length.items() if arm}, constant
 
 
 def unread_effects(tree: UrdfTree) -> tuple[str, ...]:

@@ -3,16 +3,17 @@
 The reader takes from the compiled model: bodies with hinge, slide, ball and free joints, and the forces along
 these joints; sites as frames; primitive geoms as shapes; flags; motors on joints or fixed tendons, with gear,
 limits, armature and damping; the first keyframe as the reference (else the zero pose). Of `<equality>`,
-connect is a spherical closure, weld is a fixed one, joint and tendon are couplings or fix a joint, and a
-spatial tendon between two sites that is held at its length is a distance closure. MuJoCo
-resolves anchors at the zero pose. Other forces (spatial tendons, muscles, gravity compensation) are reported
-by name; contact, sensors, cameras and the shapes of meshes are ignored. The file says nothing about the
-platform.
+connect is a spherical closure, weld is a fixed one, joint and tendon are couplings (polynomials of joints)
+or fix a joint, and a spatial tendon between two sites that is held at its length is a distance closure.
+MuJoCo resolves anchors at the zero pose. Other forces (spatial tendons, muscles, gravity compensation) are
+reported by name; contact, sensors, cameras and the shapes of meshes are ignored. The file says nothing about
+the platform.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,15 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError
-from framework.model.description import Closure, JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import (
+    MAX_TERMS,
+    Closure,
+    JointDynamics,
+    ParsedRobot,
+    Polynomial,
+    Product,
+    locked_axes,
+)
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import check_expansion, compile_mjcf, member_name
@@ -287,9 +296,9 @@ class _Model:
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
         """Read equality k of joints or tendons (`kind`), as a coupling or a fixed joint.
 
-        The lengths, measured from the zero pose, satisfy first = offset + ratio * second, besides higher
-        powers, which are not read. As lengths are sums of moment arm times coordinate q, this is the equation
-        sum(arm q) = offset with the arms of first - ratio * second. An equation 0 = 0 is dropped.
+        The lengths, measured from the zero pose, satisfy first = sum of coefficient times power of second. As
+        lengths are sums of moment arm times coordinate q, this is the equation sum(arm q) = offset with the
+        arms of first - ratio * second, and products of coordinates. An equation 0 = 0 is dropped.
         """
         model = self.compiled
         tree = self.tree
@@ -311,12 +320,17 @@ class _Model:
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
         children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
-        if second and polynomial[2:].any():
-            coefficients = " ".join(map("{:g}".format, polynomial))
-            problem = f"couples {' and '.join(all_arms)}: only linear couplings are read"
-            self.leave_out(f"{where}: polycoef {coefficients} {problem}", all_arms, is_decisive=True)
-        elif (arms or offset) and not tree.equate(name, arms, offset, (children[0], children[-1])):
-            problem = f"couples {', '.join(arms) or 'no joint'}: only hinges and slides are coupled"
+        if len(second) > MAX_TERMS and polynomial[2:].any():
+            problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} are read"
+            self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
+            return
+        products = {product: -value for product, value in _powers(second, polynomial.tolist()).items()}
+        links = children[0], children[-1]
+        if (arms or offset or products) and not tree.equate(name, arms, offset, links, products=products):
+            coupled = dict.fromkeys([*arms, *(joint for product in products for joint in product)])
+            problem = f"couples {', '.join(coupled) or 'no joint'}: only hinges and slides are coupled"
+            if products:
+                problem += ", and one of them must be in no product"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
 
     # -------------------------------------------------------------- forces
@@ -445,6 +459,25 @@ class _Model:
         if model.tendon_limited[k]:
             effects.append("range {:g} {:g}".format(*model.tendon_range[k]))
         return effects
+
+
+def _powers(length: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
+    """Expand the sum of coefficient k times length^k, k >= 2, by products of joints' coordinates.
+
+    `length` has the moment arm of each joint, `coefficients` begin with that of length^0.
+    """
+    expanded = defaultdict[Product, float](float)
+    power: Polynomial = {(): 1.0}
+    for k, coefficient in enumerate(coefficients):
+        for product, factor in power.items():
+            if k > 1 and coefficient * factor:
+                expanded[product] += coefficient * factor
+        longer = defaultdict[Product, float](float)
+        for product, factor in power.items():
+            for joint, arm in length.items():
+                longer[tuple(sorted((*product, joint)))] += factor * arm
+        power = longer
+    return dict(expanded)
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:

@@ -65,8 +65,7 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
         import mujoco
     except ImportError:
         raise MissingPackage(
-            "MJCF is read by MuJoCo itself, which is not installed: pip install "
-            "'parallel-singularity-crossing[mjcf]'",
+            "MJCF is read by MuJoCo itself, which is not installed: pip install 'mujoco>=4.0'",
             package="mujoco",
         ) from None
     try:

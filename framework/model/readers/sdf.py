@@ -131,7 +131,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
         add_models(scope, parent, file.parent, "", WORLD)
-    drop_detached(scope)
+    detached = list(drop_detached(scope))
     missing = f"{', '.join(scope.unread)}: not read, as there is no such file; put the model's folder beside"
     try:
         joints = _joints_of_main_part(scope)
@@ -144,6 +144,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     _report_unread_parts(scope, tree, joints)
+    tree.left_out += [UnreadElement(text, (link,)) for text, link in detached if link in tree.links]
     tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:

@@ -100,15 +100,21 @@ def end_name(joint: Element, end: str) -> str:
 # ------------------------------------------------------------------ models
 
 
-def drop_detached(scope: Scope) -> None:
-    """Drop the joints of plugins whose links are not in the file, such as an object to be grasped."""
+def drop_detached(scope: Scope) -> Iterator[tuple[str, str]]:
+    """Drop the joints of plugins whose links are not in the file, such as an object to be grasped.
+
+    Yields:
+        A sentence on each of them, and the name of its parent link.
+    """
     for name, joint in list(scope.joints.items()):
         if joint.get("optional"):
+            parent, child = (end_name(joint, end) for end in ("parent", "child"))
             try:
-                for end in ("parent", "child"):
-                    scope.link_of(end_name(joint, end))
-            except RobotFileError:
+                scope.link_of(child)
+                scope.link_of(parent)
+            except RobotFileError as error:
                 del scope.joints[name]
+                yield f"<plugin> DetachableJoint of {parent} and {child}: {error}", parent
 
 
 def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:

@@ -203,12 +203,9 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     # the sum of angles of the driven joints is the ratio times that of the drivers
     drivers, driven = tree.moving_chains(first, second)
     arms = {joint.name: 1.0 for joint in driven} | {joint.name: -ratio for joint in drivers}
-    if not tree.equate(name, arms, 0.0, (second, first), by_chain=False):
+    if not tree.equate(name, arms, 0.0, (second, first)):
         listed = ", ".join(joint.name for joint in (*drivers, *driven))
-        raise RobotFileError(
-            f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
-            f"parallel axes"
-        )
+        raise RobotFileError(f"{where}: couples {listed}: needs joints of one freedom")
 
 
 def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:

@@ -16,7 +16,14 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from framework.errors import RobotFileError, check_name, choose_from, nearest
-from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
+from framework.model.description import (
+    Closure,
+    Coupling,
+    JointDynamics,
+    Polynomial,
+    lock_couplings,
+    locked_axes,
+)
 from framework.model.documents import attribute, parse_numbers, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint, free_name
@@ -308,7 +315,6 @@ class UrdfTree(Tree):
         if freedoms > MAX_FREEDOMS:
             raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
-        self.virtual: set[str] = set()  # joints of massless chains, which no motor drives
         self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
 
@@ -327,11 +333,6 @@ class UrdfTree(Tree):
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
         return list(dict.fromkeys([*super().frames, *self._added]))
-
-    @property
-    def movable(self) -> list[str]:
-        """Names of the joints with one degree of freedom that a motor can drive."""
-        return [name for name in super().movable if name not in self.virtual]
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
@@ -452,7 +453,10 @@ class UrdfTree(Tree):
                 rotor = free_name(f"{motor}_rotor", self._taken)
                 hinge = free_name(motor, self._taken)
                 turn = NewJoint(hinge, "continuous", np.eye(4), unit_vector("z"))
-                self._add_chain(self.base, [turn], rotor)
+                joints_of_rotor = chain_elements(self.base, [turn], rotor, np.eye(4), self._taken)
+                elements = [Element("link", name=rotor), *joints_of_rotor]
+                self.root.extend(elements)
+                self._add_to_tree(elements)
                 # gear ratios have no sign, so that the rotor has it
                 terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
                 self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
@@ -548,13 +552,6 @@ class UrdfTree(Tree):
         del self.joints[joint.name]
         self._add_to_tree(elements)
 
-    def _add_chain(self, parent: str, motions: Sequence[NewJoint], last: str) -> None:
-        """Add massless joints in series on a link, and the new link `last` behind them."""
-        joints = chain_elements(parent, motions, last, np.eye(4), self._taken)
-        elements = [Element("link", name=last), *joints]
-        self.root.extend(elements)
-        self._add_to_tree(elements)
-
     def _add_to_tree(self, elements: Iterable[Element]) -> None:
         """Add links and joints of the XML to the tree, links before their joints."""
         for element in elements:
@@ -566,6 +563,16 @@ class UrdfTree(Tree):
                 self.joints[joint.name] = joint
                 self.parent_joint[joint.child] = joint
 
+    def fix_coupled_joints(self) -> None:
+        """Fix joints that couplings determine from fixed joints, and substitute these in the couplings."""
+        imposed: dict[str, float] | None = None
+        while imposed or imposed is None:
+            self.couplings, imposed = lock_couplings(self.couplings, self.fixed_positions)
+            for name, position in imposed.items():
+                self.fix(self.joints[name], position)
+        moving = {joint.name for joint in self.joints.values() if joint.moves}
+        self.couplings = [coupling for coupling in self.couplings if moving.issuperset(coupling.joints)]
+
     def equate(
         self,
         name: str,
@@ -573,67 +580,40 @@ class UrdfTree(Tree):
         offset: float,
         links: tuple[str, str],
         *,
-        by_chain: bool = True,
+        products: Polynomial | None = None,
     ) -> bool:
-        """Add the loop equation sum(arm q) = offset of joints; return whether this is possible.
+        """Add the loop equation sum(arm q) + products = offset of joints; return whether this is possible.
 
         An equation that says that two links turn equally becomes a closure, which all proofs support. Any
-        other equation of one joint fixes the joint, one of two joints becomes a coupling, and one of more
-        becomes couplings of a massless chain.
+        other equation of one joint fixes the joint, one of more joints becomes a coupling.
 
         Args:
             name: of the equation.
             arms: factor of each joint's coordinate; zeros have no effect.
             offset: [rad or m].
             links: the two links that may turn equally.
-            by_chain: whether an equation of more than two joints is possible.
+            products: coefficients of products of joints' coordinates.
         """
         arms = {joint: arm for joint, arm in arms.items() if arm}
+        equation = {(joint,): arm for joint, arm in arms.items()} | {(): -offset} | dict(products or {})
         only_first, only_second = self.moving_chains(*links)
         joints = only_first + only_second
         # arms of the difference between the turns of both links
         arms_of_turn = {joint.name: 1.0 if joint in only_first else -1.0 for joint in joints}
-        if len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and self._are_parallel_hinges(joints):
+        are_equal_turns = len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and not products
+        if are_equal_turns and self._are_parallel_hinges(joints):
             self._close_turns(name, links, joints[0])
             return True
-        is_too_long = len(arms) > 2 and not by_chain
-        if not arms or is_too_long or any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in arms):
+        coupled = {joint for product in equation for joint in product}
+        if any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in coupled):
             return False
-        (joint, arm), *leaders = arms.items()
-        if len(leaders) > 1:
-            ratios = {leader: -leader_arm / arm for leader, leader_arm in leaders}
-            self._follow_by_chain(name, self.joints[joint], ratios, offset / arm)
-            return True
-        if not leaders:
+        if len(coupled) == 1 and not products:
+            ((joint, arm),) = arms.items()
             self.fix(self.joints[joint], offset / arm)
-        for leader, leader_arm in leaders:
-            self.couplings.append(Coupling(joint, leader, -leader_arm / arm, offset / arm))
-        return True
-
-    def _follow_by_chain(
-        self, name: str, follower: Joint, ratios: Mapping[str, float], offset: float
-    ) -> None:
-        """Make a joint follow several: q = sum(ratio q_leader) + offset.
-
-        A chain of massless joints stands beside the follower, about or along the same axis. Each of them is
-        coupled with one leader, so that the last link moves by the sum. A closure holds the follower's link
-        to it.
-        """
-        slides = follower.kind == "prismatic"
-        origin = follower.origin
-        motions = []
-        for leader in ratios:
-            motion = free_name(f"{name}_{leader}", self._taken)
-            kind = "prismatic" if slides else "continuous"
-            motions.append(NewJoint(motion, kind, origin, follower.axis))
-            self.couplings.append(Coupling(motion, leader, ratios[leader], offset))
-            origin, offset = np.eye(4), 0.0  # of all but the first
-        last = free_name(f"{name}_sum", self._taken)
-        self._add_chain(follower.parent, motions, last)
-        self.virtual |= {motion.name for motion in motions}
-        ends = [("sum", last, np.eye(4)), ("follower", follower.child, np.eye(4))]
-        self.close(name, ("z",) if slides else ("rz",), ends, [follower.axis])
-        self.remarks.append(f"{name}: {follower.name} follows {', '.join(ratios)} by a massless chain")
+            return True
+        coupling = Coupling.of_equation(equation, [coupling.joint for coupling in self.couplings])
+        self.couplings += [coupling] if coupling else []
+        return coupling is not None
 
     def _turning_axis(self, joint: Joint) -> Array:
         """Return the unit axis (3,) of a hinge in the base at zero joint positions."""

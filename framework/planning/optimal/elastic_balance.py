@@ -27,7 +27,7 @@ from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.numerics.quadratic_program import QuadraticProgram, solve_quadratic_program
 from framework.planning.optimal.law_problem import condition_rows
-from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
+from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE
 
@@ -116,43 +116,44 @@ def _adjust(task: Task, law: OptimalLaw, y: Array, equalities: Affine, duration:
 def _no_law_near(task: Task) -> NotConverged:
     """Return the refusal of a task if no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular; use "
-        f"{other_law(task)}stiffer springs, or geometry rigid",
+        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular",
         residual=np.inf,
     )
 
 
-def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
-    """Check that springs start and stop at rest, as the law does.
+def check_rest(dynamics: InverseDynamics, law: OptimalLaw) -> None:
+    """Check that springs are at rest at the ends where the law is.
 
     Args:
-        dynamics: the motion.
-        smoothness: number of derivatives of the law that vanish at both ends.
+        dynamics: the motion under the law.
 
     Raises:
         NotConverged: the rate of a spring at an end is more than MAX_END_RATE of its largest, or the
             acceleration more than MAX_END_ACCELERATION.
     """
-    for quantity, at_ends, allowed in _end_rates(dynamics):
+    for quantity, at_ends, allowed in _end_rates(dynamics, law):
         if at_ends > allowed:
             raise NotConverged(
                 f"{dynamics.robot.name}: springs start or stop with {at_ends:.2g} of their largest "
-                f"{quantity} (at most {allowed:g}), though {smoothness} derivatives of the law vanish there",
+                f"{quantity} (at most {allowed:g}), though {law.smoothness} derivatives of the law vanish "
+                f"there",
                 residual=at_ends,
             )
 
 
-def rest_excess(dynamics: InverseDynamics) -> float:
-    """Return the largest rate or acceleration of a spring at an end over what `check_rest` allows."""
-    return max(at_ends / allowed for _, at_ends, allowed in _end_rates(dynamics))
+def rest_excess(dynamics: InverseDynamics, law: OptimalLaw) -> float:
+    """Return the largest rate or acceleration of a spring at an end at rest over what `check_rest` allows."""
+    return max(at_ends / allowed for _, at_ends, allowed in _end_rates(dynamics, law))
 
 
-def _end_rates(dynamics: InverseDynamics) -> Iterator[tuple[str, float, float]]:
-    """Yield rates and accelerations of springs at the ends over their largest, and what is allowed."""
+def _end_rates(dynamics: InverseDynamics, law: OptimalLaw) -> Iterator[tuple[str, float, float]]:
+    """Yield rates and accelerations of springs, at ends at rest over their largest, and what is allowed."""
     robot = dynamics.robot
+    is_at_rest = [not is_moving for is_moving in law.moving]
     t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
     for order, quantity, allowed in ((1, "rate", MAX_END_RATE), (2, "acceleration", MAX_END_ACCELERATION)):
         values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
-        yield quantity, float((values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)), allowed
+        at_ends = (values[[0, -1]][is_at_rest][:, counted] / largest[counted]).max(initial=0.0)
+        yield quantity, float(at_ends), allowed

@@ -114,7 +114,7 @@ def find_elastic_motion(task: Task, points: Sequence[SingularPoint]) -> OptimalM
             weights = weights._replace(smoothness=8.0 * weights.smoothness)
             continue
         excess = limit_excess(dynamics, task.specification)
-        unrest = rest_excess(dynamics)
+        unrest = rest_excess(dynamics, law)
         has_speeds = _has_required_speeds(task, law, dynamics)
         if excess <= 1.0 and unrest <= 1.0 and has_speeds:
             with limit_time(None):
@@ -325,7 +325,6 @@ def _check_softening(task: Task, points: Sequence[SingularPoint], duration: floa
         raise NoLaw(
             f"{task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
             f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
-            f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance); "
-            f"use stiffer springs or geometry rigid",
+            f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance)",
             evidence=least,
         )

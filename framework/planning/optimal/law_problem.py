@@ -18,6 +18,7 @@ import numpy as np
 
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
+from framework.laws.path import HIGHEST_ORDER
 from framework.laws.squared_speed import SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
@@ -221,7 +222,7 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     v z"/2 and z'z"/4 + z z"'/2. The rows of z are those of its derivatives by xi, by the chain rule.
     """
     specification = problem.specification
-    orders = specification.smoothness
+    orders = min(specification.smoothness, HIGHEST_ORDER)
     rows = [np.empty((0, len(basis.matrix(np.ones(1)).toarray()[0])))]
     values = [np.empty(0)]
     ends = zip(specification.ends.moving, specification.ends.derivatives(orders), strict=True)

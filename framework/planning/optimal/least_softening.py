@@ -56,9 +56,13 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]},
         -softening.offset / largest,
     )
-    # a law must advance everywhere; the program has no strict z > 0, but a lower bound of the coefficients
+    # a law must advance everywhere; the program has no strict z > 0, but a lower bound, below z at the ends
+    ends = problem.specification.ends
+    is_moving = list(ends.moving)
+    speeds = ends.derivatives(1)[is_moving, 0] / problem.task.phi(np.array([0.0, 1.0])[is_moving], 1)
+    least = min([LEAST_SQUARED_SPEED, *(0.5 * speeds**2 / unit)])
     size = program.basis.size
-    above_least = AffineRows({"y": SparseRows.identity(size)}, np.full(size, -LEAST_SQUARED_SPEED))
+    above_least = AffineRows({"y": SparseRows.identity(size)}, np.full(size, -least))
     optimum = solve_cone_program(
         ConeProgram(
             {"y": size, "rho": 1},

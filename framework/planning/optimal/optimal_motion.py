@@ -21,7 +21,6 @@ from framework.planning.optimal.optimal_task import (
     check_single_crossings,
     check_speeds,
     find_crossing_points,
-    other_law,
     resolve_law,
 )
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
@@ -72,6 +71,11 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
             return False
         return True
 
+    if evidence.start_speed is not None:
+        slower = task.specification.ends._replace(start=evidence.start_speed)
+        if has_motion(ends=slower):
+            return evidence
+        evidence = evidence._replace(start_speed=None)
     if evidence.quickest is not None:
         duration = round_up(evidence.quickest, PRINTED_DIGITS)
         bound = "longest" if task.specification.duration is None else "duration"
@@ -93,8 +97,7 @@ def _find_motion(task: Task) -> OptimalMotion:
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
-            f"rigid; use {other_law(task)}flexibility rigid"
+            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry rigid"
         )
     check_speeds(task, points)
     if robot.n_e and task.follows_balance:
@@ -126,7 +129,7 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             if task.robot.n_e:
-                check_rest(dynamics, best.law.smoothness)
+                check_rest(dynamics, best.law)
             return OptimalMotion(dynamics, best.law, best.reference, best.gap)
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(

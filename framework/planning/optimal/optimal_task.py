@@ -98,11 +98,6 @@ def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> 
     )
 
 
-def other_law(task: Task) -> str:
-    """Return the advice to try the polynomial law; empty if the plan tried that law already."""
-    return "law polynomial or " if task.request.kind == "optimal" else ""
-
-
 def find_crossing_points(task: Task) -> list[SingularPoint]:
     """Return the crossing points of the undeformed robot: singular points and points imposed by the user."""
     return list(task.targets)
@@ -207,5 +202,5 @@ def check_single_crossings(task: Task) -> None:
             event = "touches the locus" if corank == 1 else f"leaves {corank} motions uncontrolled"
             raise NoLaw(
                 f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "
-                f"crossings there or none; move the path off the locus or across it, or use geometry rigid"
+                f"crossings there or none; move the path off the locus or across it"
             )

@@ -28,7 +28,7 @@ from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
+from framework.planning.optimal.phase_plane import Demand, PathTerms, demand
 from framework.tolerances import MEASURE_TAIL
 
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
@@ -241,19 +241,14 @@ class SampledDemand(NamedTuple):
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
         """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
 
-        They follow from the series with s'^2 = phi'^2 z and s" = phi' u + phi" z.
-
         Args:
             phi: the map from sigma to s.
         """
         s = phi(sigma)
-        dphi = phi(sigma, 1)[:, None]
-        ddphi = phi(sigma, 2)[:, None]
         pole_product = _pole_product(s, self.poles)
         *torques, speed = np.split(self.series(s), 5, axis=1)  # the five quantities of `series`
-        constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
-        affine = AffineInSpeed(constant, per_z * dphi**2 + per_u * ddphi, per_u * dphi)
-        return Demand(affine, damping * dphi, speed * dphi, speed if self.has_friction else None)
+        terms = PathTerms(*(torque / pole_product for torque in torques))
+        return Demand.along(phi, sigma, terms, speed, friction=self.has_friction)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:

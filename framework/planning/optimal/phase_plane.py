@@ -1,15 +1,12 @@
 """Torques and condition (8) along a path, affine in the squared speed z and its half slope u.
 
-On a path x(phi(sigma)) all coordinates of the undeformed robot are functions of sigma. With
-z = (d sigma/dt)^2 and u = z'/2 (see `optimal_law`)
+Forces along a path are affine in s'^2 and s" (`dynamics.path_forces`). A law s = phi(sigma(t)) with
+z = (d sigma/dt)^2 and u = z'/2 (see `optimal_law`) has
 
-    v = q' sqrt(z),     a = q" z + q' u,     torque = c0 + cz z + cu u,
+    s'^2 = phi'^2 z,     s" = phi' u + phi" z,     torque = c0 + cz z + cu u,
 
-and t_s . W_p is affine in z and u like the torque. Three evaluations of the inverse dynamics at a point
-therefore give all coefficients (as toppra recovers its constraint coefficients): one at rest, and two of the
-inertia alone, at (z, u) = (1, 0) and (0, 1). Differences against the forces at rest would lose digits where
-gravity is large. Viscous damping D adds D q' sqrt(z), with sqrt(z) replaced by its tangent at the squared
-speed z0 of the previous law,
+and t_s . W_p is affine in z and u like the torque. Viscous damping adds a term in s' = phi' sqrt(z), with
+sqrt(z) replaced by its tangent at the squared speed z0 of the previous law,
 
     sqrt(z) = sqrt(z0)/2 + z / (2 sqrt(z0)) + O((z - z0)^2).
 
@@ -27,16 +24,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
+from framework.dynamics.forces import balancing_torques
 from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.path_forces import PathForces
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, passive_motion, type2_matrix
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.linearised_loops import passive_motion, type2_matrix
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import coefficients, derivative_matrix, evaluate, nodes
-from framework.planning.condition import bounds_of_terms, remove_rounding
+from framework.planning.condition import coefficients_at
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
@@ -58,6 +55,41 @@ class AffineInSpeed(NamedTuple):
     per_z: Array
     per_u: Array
 
+    @staticmethod
+    def along(phi: Smoothstep, sigma: Array, terms: PathTerms) -> AffineInSpeed:
+        """Return terms of 1, s'^2 and s" as functions of z and u: s'^2 = phi'^2 z, s" = phi' u + phi" z."""
+        dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
+        per_z = terms.centrifugal * dphi**2 + terms.inertial * ddphi
+        return AffineInSpeed(terms.static, per_z, terms.inertial * dphi)
+
+    def with_damping(self, damping: Array, z0: Array | None) -> AffineInSpeed:
+        """Add damping sqrt(z), linearised about z0 (M,) [1/s^2]; None leaves damping out.
+
+        damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
+        """
+        if z0 is None:
+            return self
+        root = np.sqrt(z0)[:, None]
+        half_damping = 0.5 * damping
+        return AffineInSpeed(
+            self.constant + half_damping * root, self.per_z + half_damping / root, self.per_u
+        )
+
+
+class PathTerms(NamedTuple):
+    """The k functions static + centrifugal s'^2 + inertial s" + damping s' at M points, (M, k) each."""
+
+    static: Array
+    centrifugal: Array
+    inertial: Array
+    damping: Array
+
+    def linearise(self, phi: Smoothstep, sigma: Array, z0: SquaredSpeed | None) -> AffineInSpeed:
+        """Return the functions at sigma (M,), with damping linearised about a squared speed z0, if any."""
+        damping = self.damping * phi(sigma, 1)[:, None]
+        affine = AffineInSpeed.along(phi, sigma, self)
+        return affine.with_damping(damping, None if z0 is None else z0(sigma))
+
 
 class Demand(NamedTuple):
     """Torques and speeds of the motors at points sigma (M,), motor side."""
@@ -67,17 +99,20 @@ class Demand(NamedTuple):
     speed: Array  # (M, n_a) [rad], over d sigma/dt
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt; None without dry friction
 
-    def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
-        """Return the torques with damping linearised about z0 (M,) [1/s^2]; None leaves damping out.
+    @staticmethod
+    def along(phi: Smoothstep, sigma: Array, torque: PathTerms, speed: Array, *, friction: bool) -> Demand:
+        """Return the demand at sigma (M,) for torques by s', and speeds (M, n_a) over s'.
 
-        damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
+        Args:
+            friction: whether dry friction acts on any motor.
         """
-        if z0 is None:
-            return self.torque
-        root = np.sqrt(z0)[:, None]
-        half_damping = 0.5 * self.damping
-        constant, per_z, per_u = self.torque
-        return AffineInSpeed(constant + half_damping * root, per_z + half_damping / root, per_u)
+        dphi = phi(sigma, 1)[:, None]
+        affine = AffineInSpeed.along(phi, sigma, torque)
+        return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None)
+
+    def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
+        """Return the torques with damping linearised about z0 (M,) [1/s^2]; None leaves damping out."""
+        return self.torque.with_damping(self.damping, z0)
 
     def friction(self, size: Array) -> Array:
         """Return torques (M, n_a) [N m] of dry friction, with the signs of the motor speeds.
@@ -98,74 +133,16 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     """
     robot = branch.robot
     s = phi(sigma)
-    count = len(sigma)
-    probes = _probe_motions(branch, phi, sigma)
-
-    def motor_torques(forces: Array) -> AffineInSpeed:
-        """Compute motor torques (M, n_a) that balance tree forces (3, M, nv), per (1, z, u)."""
-        balanced = balanced_forces(robot, probes.linearised, forces.reshape(3 * count, -1))
-        torque = motor_torque(robot, probes, balanced.joint_torque)
-        return AffineInSpeed(*torque.reshape(3, count, -1))
-
-    forces = _linearised_forces(branch, probes, sigma, s, z0=None)  # without damping
-    torque = motor_torques(forces)
-    damping = np.zeros_like(torque.constant)
-    rates = _rates_per_root_z(probes)
-    # torques are linear in forces: their change by damping forces at sqrt(z) = 1 is the coefficient of
-    # sqrt(z)
-    if robot.is_damped:
-        forces[0] += robot.joint_damping * rates
-        damping = motor_torques(forces).constant - torque.constant
-    speed = rates[:, robot.actuated] * robot.gear_ratio
-    return Demand(torque, damping, speed, _motor_direction(branch, s, probes))
-
-
-def _rates_per_root_z(probes: Motion) -> Array:
-    """Return the joint rates (M, nv) at z = 1, the second third of `_probe_motions`."""
-    return np.split(probes.v, 3)[1]
-
-
-def _motor_direction(branch: Branch, s: Array, probes: Motion) -> Array | None:
-    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_probe_motions`; None without dry friction.
-
-    Args:
-        s: (M,) path coordinates.
-        probes: (3 M,) motions, of which the first M give the poses.
-    """
-    robot = branch.robot
-    if not robot.joint_friction[robot.actuated].any():
-        return None
-    q = probes.q[: len(s)]
-    x = branch.path(s)
-    closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
-    return robot.gear_ratio * motion.v[:, robot.actuated]
-
-
-def _linearised_forces(
-    branch: Branch, probes: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
-) -> Array:
-    """Compute forces (3, M, nv) of the open tree per (1, z, u), from `_probe_motions`.
-
-    Forces at rest include weight and external wrenches. Damping D q' sqrt(z) is linearised about the squared
-    speed z0; None leaves damping out.
-
-    Args:
-        probes: (3 M,) motions of the joints.
-        sigma, s: parameters (M,) of the points, s = phi(sigma).
-    """
-    robot = branch.robot
-    at_rest = slice(len(sigma))
-    forces = inertial_forces(robot, probes).reshape(3, len(sigma), -1)
-    wrenches = branch.wrenches.evaluate(robot, probes.linearised.frames.select(at_rest), s)
-    forces[0] = static_forces(robot, probes.q[at_rest], wrenches)
-    if robot.is_damped and z0 is not None:
-        root = np.sqrt(z0(sigma))[:, None]
-        # sqrt(z) = sqrt(z0) / 2 + z / (2 sqrt(z0)) to first order
-        half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(probes)
-        forces[0] += half_damping * root
-        forces[1] += half_damping / root
-    return forces
+    closed = close_loops(robot, branch.path(s), branch.guess(s))
+    *forces, motion = PathForces.along(branch, s, closed)
+    terms = balancing_torques(robot, closed.linearised, np.stack(forces)) / robot.gear_ratio
+    # rotors resist the accelerations q" s'^2 + q' s" of the motors
+    rotors = robot.rotor_inertia * robot.gear_ratio
+    rates = motion.v[:, robot.actuated]
+    terms[1] += rotors * motion.a[:, robot.actuated]
+    terms[2] += rotors * rates
+    has_friction = bool(robot.joint_friction[robot.actuated].any())
+    return Demand.along(phi, sigma, PathTerms(*terms), rates * robot.gear_ratio, friction=has_friction)
 
 
 def crossing_rows(
@@ -184,9 +161,12 @@ def crossing_rows(
     """
     if crossing.corank > 1 or crossing.contact == "tangential":
         return _rows_about(branch, phi, crossing, z0)
-    wrench_row = _wrench_row(branch, phi, crossing, z0)
-    per_du = 0.0  # u' enters only at a touch
-    return np.append(wrench_row, per_du)[None]
+    alpha, beta, gamma, delta = coefficients_at(branch, crossing, deflection=None)
+    terms = PathTerms(*(np.array([[value]]) for value in (gamma, beta, alpha, delta)))
+    sigma = phi.inverse(np.array([crossing.s]))
+    row = np.concatenate(terms.linearise(phi, sigma, z0), axis=1)  # (1, 3)
+    per_du = np.zeros((1, 1))  # u' enters only at a touch
+    return np.concatenate([row, per_du], axis=1)
 
 
 def _rows_about(branch: Branch, phi: Smoothstep, crossing: SingularPoint, z0: SquaredSpeed | None) -> Array:
@@ -240,11 +220,11 @@ def _conditions_at_points(
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     uncontrolled = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    probes = _probe_motions(branch, phi, sigma, closed)
-    forces = _linearised_forces(branch, probes, sigma, s, z0)
-    terms = forces[:, :, None] * uncontrolled  # (3, M, corank, nv)
-    scales = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
-    return np.moveaxis(terms.sum(axis=3), 0, 2), scales
+    *forces, _motion = PathForces.along(branch, s, closed)
+    terms = PathTerms(*forces).linearise(phi, sigma, z0)  # of forces (M, nv)
+    powers = np.stack(terms)[:, :, None] * uncontrolled  # (3, M, corank, nv)
+    scales = np.abs(powers).sum(axis=3).max(axis=(0, 1))[:, None]
+    return np.moveaxis(powers.sum(axis=3), 0, 2), scales
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
@@ -259,82 +239,3 @@ def _independent_rows(rows: Array, size: float) -> Array:
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
     return np.asarray(combinations[singular_values > NO_HOLD * size])
-
-
-def _wrench_row(
-    branch: Branch,
-    phi: Smoothstep,
-    crossing: SingularPoint,
-    z0: SquaredSpeed | None,
-) -> Array:
-    """Compute t_s . W_p (3,) at a crossing per (1, z, u).
-
-    Coefficients that are only rounding of their terms are set to zero.
-
-    Args:
-        phi: the map from sigma to s.
-        z0: the squared speed about which damping is linearised, if any.
-    """
-    robot = branch.robot
-    s = np.array([crossing.s])
-    sigma = phi.inverse(s)
-    q = crossing.q[None]
-    x = branch.path(s)
-    closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    probes = _probe_motions(branch, phi, sigma, closed)
-    terms = _linearised_forces(branch, probes, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
-    bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(probes)[0])
-    scale = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return remove_rounding(terms.sum(axis=1), scale, alpha_index=2)  # the coefficient of u, and so of s"
-
-
-def _bound_wrench_terms(
-    branch: Branch, phi: Smoothstep, crossing: SingularPoint, sigma: float, rates: Array
-) -> Array:
-    """Bound the terms of t_s . W_p (3,) per (1, z, u).
-
-    `bounds_of_terms` bounds the terms of gamma + beta s'^2 + alpha s", with s'^2 = phi'^2 z and
-    s" = phi' u + phi" z.
-
-    Args:
-        crossing: the crossing, with t_s.
-        sigma: its parameter.
-        rates: joint rates (nv,) at z = 1.
-    """
-    dphi, ddphi = (float(phi(sigma, order)) for order in (1, 2))
-    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi  # largest joint rate per s'
-    alpha, beta, gamma, _ = bounds_of_terms(branch, crossing, rate)
-    return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
-
-
-def _probe_motions(
-    branch: Branch, phi: Smoothstep, sigma: Array, closed: ClosedStack | None = None
-) -> Motion:
-    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1).
-
-    The M motions at one (z, u) follow those at the one before. The platform's derivatives by sigma are
-    x' phi' and x' phi" + x" phi'^2, where x' and x" are those by s.
-
-    Args:
-        closed: configurations (M,) at sigma, if known.
-    """
-    robot = branch.robot
-    s = phi(sigma)
-    if closed is None:
-        closed = close_loops(robot, branch.path(s), branch.guess(s))
-    dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
-    dx, ddx = (branch.path(s, order) for order in (1, 2))
-    rates = _probe_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
-    q = np.tile(closed.q, (3, 1))
-    x = np.tile(closed.x, (3, 1))
-    return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), *rates)
-
-
-def _probe_rates(slope: Array, curvature: Array) -> tuple[Array, ...]:
-    """Return rates and accelerations (3 M, k) of a function y at the (z, u) of `_probe_motions`.
-
-    With its derivatives y' = `slope` and y" = `curvature` (M, k) by sigma, dy/dt = y' z^(1/2) and
-    d2y/dt2 = y" z + y' u.
-    """
-    zero = np.zeros_like(slope)
-    return np.concatenate([zero, slope, zero]), np.concatenate([zero, curvature, slope])

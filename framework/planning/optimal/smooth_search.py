@@ -198,14 +198,24 @@ class SmoothSearch(NamedTuple):
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends.
 
+        Between two ends in motion it waits in the middle of the longest gap between crossings.
+
         Args:
             quick: a law that is too quick.
             bounds: bounds of duration, peak and energy.
             floor: lower bound of z [1/s^2].
         """
         sigma = self._spline_sigma
+        problem = self.program.problem
+        is_at_rest = ~np.array(problem.specification.ends.moving)
+        places = np.array([0.0, 1.0])[is_at_rest]
+        if not len(places):
+            stops = np.unique([0.0, *problem.crossings, 1.0])
+            longest = np.diff(stops).argmax()
+            places = 0.5 * (stops[[longest]] + stops[[longest + 1]])
+        distance = np.abs(sigma[:, None] - places).min(axis=1)
         for width in WAITING_WIDTHS:
-            cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
+            cap = _cap_speed(distance < width, width, duration, floor)
             slow = self._minimise_slow(quick, "curvature", bounds, floor=floor, cap=cap)
             if _takes_at_least(slow, duration):
                 return slow

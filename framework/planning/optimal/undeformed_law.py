@@ -27,16 +27,16 @@ from framework.planning.optimal.optimal_task import (
     check_speeds,
     conditions_at,
     find_crossing_points,
-    other_law,
 )
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
-from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence
+from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
+SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
 
@@ -111,8 +111,7 @@ def _settle_damping(
         if error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough:
             return result._replace(law=_meet_conditions(problem, points, result.law))
     raise NotConverged(
-        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
-        f"use {other_law(problem.task)}another duration",
+        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes",
         residual=error,
     )
 
@@ -241,10 +240,14 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
     proof = find_refuting_bound(problem.task)
-    reason = "no law of free shape was found"
+    evidence = evidence._replace(start_speed=_find_slower_start(problem))
+    start = ""
+    if evidence.start_speed is not None:
+        start = f" from s' = {problem.specification.ends.start[0]:g} 1/s, too fast to brake within the limits"
+    reason = f"no law of free shape was found{start}"
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
-        reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
+        reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
     return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
 
 
@@ -287,6 +290,23 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
         torque, speed = _find_peaks(problem, "limits")
     share = 1.0 - problem.task.request.margin
     return LeastLimits.of(specification, torque, speed, share, together=together and torque is not None)
+
+
+def _find_slower_start(problem: LawProblem) -> tuple[float, ...] | None:
+    """Find derivatives of s at a slower start from which a law keeps the limits; None without one.
+
+    The same motion, slowed to a share v of its speed, starts with v s', v^2 s", ...
+    """
+    ends = problem.specification.ends
+    for share in SLOWER_STARTS if ends.start else ():
+        start = tuple(
+            float(f"{derivative * share**order:.{PRINTED_DIGITS}g}")
+            for order, derivative in enumerate(ends.start, start=1)
+        )
+        slower = problem.with_goal(problem.specification.goal, ends=ends._replace(start=start))
+        if not isinstance(find_least_cost(slower), NoneFound):
+            return start
+    return None
 
 
 class _RelativePeaks(NamedTuple):

@@ -314,7 +314,7 @@ function drawRobot() {
   const tooMuch = state.s === CROSSING ? "No torque is large enough." : `To hold it takes ${told(needed)}, more than the motors' ${rounded(data.best.off.limit)} ${data.unit}.`;
   tell("score", isPushed
     ? gives ? `<span class="alarm">It gives way.</span> ${tooMuch}` : `<span class="good">The motors hold it.</span> It takes ${told(torque)}.`
-    : "Push the platform: drag its black dot, or press Tab until the dot is marked and hold an arrow key.");
+    : "Push the platform: drag the dot on it, or press Tab until the dot is marked and hold an arrow key.");
 }
 function push(way) {
   state.push = way.map((value) => value * HARDEST);

@@ -32,6 +32,15 @@ class Clock {
       const { top, bottom } = byId("stage").getBoundingClientRect();
       return event.code === "Space" && bottom > 0 && top < innerHeight && !event.target.closest("button, select, a, summary");
     };
+    // so do the arrow keys lead it, in hundredths
+    document.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: -1, ArrowRight: 1 }[event.code];
+      const { top, bottom } = byId("stage").getBoundingClientRect();
+      if (!way || event.defaultPrevented || bottom <= 0 || top >= innerHeight) return;
+      if (event.target.closest("input, select, textarea, [tabindex]")) return;
+      event.preventDefault();
+      this.take(this.t + (way * this.duration) / 100);
+    });
     document.addEventListener("keydown", (event) => {
       if (!plays(event)) return;
       event.preventDefault();

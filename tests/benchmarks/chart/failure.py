@@ -22,6 +22,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import optimize
 from scipy.interpolate import make_interp_spline
 
@@ -42,7 +43,7 @@ from framework.dynamics.elasticity import Pass, evaluate_pass
 from framework.kinematics import Branch
 from framework.kinematics.frames import frames_at
 from framework.laws import time_derivatives
-from framework.numerics import Array, ArrayLike, TimeFunction, TimeGrid
+from framework.numerics import Array, TimeFunction, TimeGrid
 from tests.benchmarks.chart import closed_form, contacts, elastic_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import BareRobot, Motion

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from framework import Condition, Law, Line, ParallelRobot, inverse_dynamics, track_path
 from framework.catalogue import robot_file
@@ -13,7 +14,7 @@ from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.forces import motor_torque, tree_forces
 from framework.kinematics import Branch, Motion, close_loops, motion_at
 from framework.laws import MotionLaw, time_derivatives
-from framework.numerics import Array, ArrayLike, TimeGrid
+from framework.numerics import Array, TimeGrid
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart.bare import BareRobot, solve_each
 from tests.benchmarks.chart.bare import Motion as BareMotion

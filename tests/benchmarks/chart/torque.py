@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 from scipy import fft, optimize
 from scipy.interpolate import make_interp_spline
 
@@ -25,7 +26,7 @@ from framework.dynamics.forces import joint_forces, motor_torque
 from framework.kinematics import Motion
 from framework.kinematics.linearised_loops import linearised_at
 from framework.laws import MotionLaw
-from framework.numerics import Array, ArrayLike
+from framework.numerics import Array
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import solve_each

@@ -353,6 +353,21 @@ def test_a_coupling_of_two_joints_is_a_gear(tmp_path):
     assert read_any(file, **SAID).couplings == (Coupling("two_joint", "one_joint", -2.0),)
 
 
+def test_a_coupling_of_a_chain_turns_by_the_sum_of_its_joints(tmp_path):
+    """The format's own library sums coordinates: ratio times those before, minus those behind."""
+    chain = coupling("one", "three", "4")
+    third = (
+        '<link name="three"/><joint name="three_joint" type="revolute"><parent link="two"/>'
+        '<child link="three"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        "</joint>"
+    )
+    file = tmp_path / "r.urdf"
+    file.write_text(two_links(LOOP, chain + third))
+    (found,) = read_any(file, **SAID).couplings
+    signs = {product: value / found.equation["one_joint",] for product, value in found.equation.items()}
+    assert signs == {("one_joint",): 1.0, ("two_joint",): -0.25, ("three_joint",): -0.25, (): 0.0}
+
+
 def test_a_coupling_that_holds_a_joint_fixes_it(tmp_path):
     file = tmp_path / "r.urdf"
     for text in (coupling("one", "two", "0"), coupling("base", "two", "3")):

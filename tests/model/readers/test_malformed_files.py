@@ -121,12 +121,6 @@ CHANGES = {
         ("</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
         (
             "</robot>",
-            '<coupling name="c"><predecessor link="left_crank"/><successor link="right_rod"/><ratio '
-            'value="3"/></coupling></robot>',
-            "coupling 'c': couples left_motor, right_elbow, right_motor: needs one joint of one freedom",
-        ),
-        (
-            "</robot>",
             '<coupling name="c"><predecessor link="base"/><successor link="base"/><ratio value="1"/>'
             "</coupling></robot>",
             "couples 'base' with itself",

@@ -8,6 +8,9 @@ import pytest
 
 from framework import Mechanism, MissingPackage, ParallelRobot, RobotFileError, assemble, dynamics_at
 from framework.files.mjcf import mjcf_text
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at
+from framework.kinematics.mechanism import velocity_columns
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.readers import read_any
 
@@ -118,10 +121,9 @@ def test_an_equality_of_one_joint_holds_it(tmp_path):
 @pytest.mark.parametrize(
     ("equality", "message"),
     [
-        ('<joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/>', "couples j and k: only linear couplings"),
         (
             '<tendon tendon1="all" tendon2="more" polycoef="0 1 2 0 0"/>',
-            "couples j and k and l and m: only linear",
+            "couples j, k, m, l: only hinges and slides are coupled, and one of them must be in no product",
         ),
         (
             '<tendon tendon1="all" tendon2="same" polycoef="0.3 1 0 0 0"/>',
@@ -189,7 +191,7 @@ def test_nothing_is_written_where_the_program_runs(tmp_path, monkeypatch):
 
 def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'parallel-singularity-crossing\[mjcf\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install 'mujoco>=4.0'"):
         read(tmp_path)
 
 
@@ -266,6 +268,51 @@ def test_a_joint_that_follows_two_others_is_driven_as_mujoco_drives_it(tmp_path)
     expected = np.linalg.solve(matrix[driven].T, matrix.T @ data.qfrc_inverse)
     instant = dynamics_at(robot, pose.q, dx=dy, ddx=ddy)
     np.testing.assert_allclose(np.ravel(instant.torque), expected, rtol=1e-9)
+
+
+BENT = '<joint joint1="n" joint2="lift" polycoef="0.02 -0.05 0.04 0.01 -0.03"/>'
+SUMS = (
+    '<tendon><fixed name="one"><joint joint="m" coef="2"/><joint joint="n" coef="0.5"/></fixed>'
+    '<fixed name="two"><joint joint="lift" coef="3"/><joint joint="roll" coef="-1.4"/></fixed></tendon>'
+)
+
+
+def test_powers_of_a_joint_and_of_a_tendon_are_those_of_mujoco(tmp_path):
+    """n = p(lift), 2 m + n / 2 = 0.1 + 0.7 w + 0.2 w^2, w = 3 lift - 1.4 roll: residual and derivatives."""
+    mujoco = pytest.importorskip("mujoco")
+    held = BENT + '<tendon tendon1="one" tendon2="two" polycoef="0.1 0.7 0.2 0 0"/>'
+    said = {"platform": "hand", "platform_joints": ["lift", "roll"], "axes": None, "motors": ["m", "n"]}
+    description = read(tmp_path, SUMS, bodies=CABLES, equality=held, **said)
+    robot = ParallelRobot.from_description(description)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    data = mujoco.MjData(model)
+    joints = ("m", "n", "lift", "roll")
+    theirs = [model.joint(name).dofadr[0] for name in joints]
+    q = np.random.default_rng(5).uniform(-0.8, 0.8, (1, 4))
+    data.qpos[theirs] = q[0]
+    mujoco.mj_forward(model, data)
+    ours = velocity_columns(robot.model, joints)
+    loops = loop_equations(robot.rows, frames_at(robot, q[:, np.argsort(ours)]))
+    # MuJoCo's rows are those of the first joint or tendon, ours of the joint that follows: m = .../2
+    sizes = {"n_of_lift": 1.0, "m_of_n": 2.0}
+    scale = np.array([sizes[name.removesuffix(".q")] for name in robot.rows.names])
+    rows = data.efc_J.reshape(data.nefc, model.nv)
+    np.testing.assert_allclose(loops.residual[0] * scale, data.efc_pos, atol=1e-14)
+    np.testing.assert_allclose(loops.jacobian[0][:, ours] * scale[:, None], rows[:, theirs], atol=1e-13)
+
+
+def test_couplings_go_to_mujoco_and_come_back(tmp_path):
+    cables = (
+        '<tendon><fixed name="a"><joint joint="m" coef="1"/><joint joint="lift" coef="-3"/>'
+        '<joint joint="roll" coef="1.4"/></fixed></tendon>'
+    )
+    said = {"platform": "hand", "platform_joints": ["lift", "roll"], "axes": None, "motors": ["m", "n"]}
+    held = BENT + '<tendon tendon1="a" polycoef="0.3 0 0 0 0"/>'
+    robot = ParallelRobot.from_description(read(tmp_path, cables, bodies=CABLES, equality=held, **said))
+    (tmp_path / "again.xml").write_text(mjcf_text(robot))
+    again = read_any(tmp_path / "again.xml", **said)
+    assert again.couplings == robot.description.couplings
+    assert sum(len(coupling.joints) for coupling in again.couplings) == 5
 
 
 @pytest.mark.parametrize("hinges", [False, True])

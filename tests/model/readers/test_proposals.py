@@ -203,6 +203,30 @@ def test_two_legs_that_no_body_joins_move_by_their_joints_or_one_is_held(tmp_pat
     assert ParallelRobot.from_description(taken).n == 2
 
 
+def test_a_follower_that_is_held_by_its_spring_holds_its_leader(tmp_path):
+    """A four-bar whose first bar carries two coupled flaps; one has a spring, and no motor moves them."""
+    flaps = "".join(
+        f'<body name="{name}" pos="{x} 0 0"><joint name="{name}_j" axis="0 1 0" {spring}/>'
+        f'<geom pos="0.1 0 0" size="0.05" mass="0.1"/></body>'
+        for name, x, spring in (("s", 0.2, 'stiffness="3"'), ("t", -0.2, ""))
+    )
+    bars = (
+        '<body name="u" pos="0.3 0 0.2"><joint axis="0 1 0"/><geom pos="0.1 0 0" size="0.05" mass="0.1"/>'
+        '<body name="v" pos="0.1 0 0"><joint axis="0 1 0"/><geom pos="0.1 0 0" size="0.05" mass="0.1"/>'
+        "</body></body>"
+    )
+    model = (
+        '<mujoco><worldbody><body name="one"><joint name="j" axis="0 1 0"/><geom size="0.1" mass="1"/>'
+        f'{flaps}</body>{bars}</worldbody><equality><joint joint1="s_j" joint2="t_j" polycoef="0 -2 0 0 0"/>'
+        '<connect body1="one" body2="v" anchor="0.1 0 0"/></equality>'
+        '<actuator><motor joint="j"/></actuator></mujoco>'
+    )
+    description = proposed(tmp_path, model).description
+    assert description.couplings == ()
+    assert description.motor_joints == ("j",)
+    assert {"s_j", "t_j"}.isdisjoint(description.reference)
+
+
 def three_bars(difference: float, tilt: float) -> str:
     """A parallelogram with a third bar, drawn at zero; rods differ by a length [m], axes are tilted [rad]."""
     ball = '<geom size="0.005" mass="0.1" pos="0.003 0 0.02"/>'

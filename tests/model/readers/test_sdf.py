@@ -391,6 +391,7 @@ def test_gazebo_s_detachable_joint_closes_the_loop_of_two_links(tmp_path):
     grasp = parse_any(tmp_path / "grasp.sdf", propose=propose).description
     assert not [closure for closure in grasp.closures if "detachable" in closure.name]
     (tmp_path / "torn.sdf").write_text(text.replace("child_link>", "child_body>"))
+    assert any("DetachableJoint of" in text for text in grasp.left_out)
     with pytest.raises(RobotFileError, match="DetachableJoint: <child_link> is missing"):
         read_any(tmp_path / "torn.sdf")
 

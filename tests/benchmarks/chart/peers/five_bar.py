@@ -13,9 +13,10 @@ from decimal import Decimal
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from framework.model import FLEXIBILITIES
-from framework.numerics import Array, ArrayLike
+from framework.numerics import Array
 from tests.benchmarks.chart import closed_form
 
 LENGTH = float(closed_form.LENGTH)  # of every link [m]

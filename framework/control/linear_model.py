@@ -1,0 +1,356 @@
+"""The linear model of a robot, rigid or elastic, about its planned motion, regular at Type 2.
+
+Let y = (x, e) be platform coordinates and deflections, and T = dq/dy. The changes of the forces along
+motions with closed loops (`driven_force_changes`) give, for small deviations from the plan,
+
+    E_2 y" + E_1 y' + E_0 y = B tau + f theta,        E_k = T' d(force)_k,        B = T' S' n,
+
+where S selects the motors, n is the gear ratio, and theta are unknown constants: an error of the payload, of
+dry friction, of springs, of gravity, of torques. E_2 is singular if links have no mass. Therefore the
+coordinates are w = (x, q_m, l) = W y: the platform, joints of motors in the place of as many deflections, and
+the other deflections l. With massless links, l moves no mass at constant (x, q_m). With V = W^-1,
+
+    M = V' E_2 V,        D = V' (E_1 V + 2 E_2 V'),        K = V' (E_0 V + E_1 V' + E_2 V"),
+
+where V' and V" behind E are time derivatives, V' = -V W' V, V" = -V (W" V + 2 W' V'). Deflections that are
+too fast for the sampling period, massless ones among them, are in static balance with the coordinates h that
+stay: l = L_h h + L_t tau + L_f theta from the rows K_lh h + K_ll l = B_l tau + f_l theta. The state is
+(h, h', theta).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.control.reference import Reference
+from framework.control.variations import FRICTION_SMOOTHING, MIN_SPEED, scale_payload
+from framework.dynamics.forces import driven_force_changes, tree_forces
+from framework.errors import InvalidInput, check_choice
+from framework.kinematics.motion_rates import MotionChanges, coordinate_changes
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import matmul
+from framework.tolerances import RANK_LOST, RANK_ROUNDING
+
+DISTURBANCES = ("payload", "friction", "springs", "gravity", "torque")
+MAX_MODE_SHARE = 1 / 3  # of the sampling rate, of the fastest vibration in the model
+CHOICE_INSTANTS = 9  # at which coordinates are chosen
+SMALL_CHANGE = 0.01  # of the payload, in which forces are linear
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel(ReadOnlyArrays):
+    """Deviations z = (h, h', theta) (N,) from the plan at K sampling instants: z' = A z + B tau.
+
+    h are platform coordinates [m, rad], then the joints `columns`. F and G advance z by one period.
+    """
+
+    columns: IntArray  # (m - n,) joints in h behind the platform
+    names: tuple[str, ...]  # (p,) of theta: payload, friction of a motor, ...
+    A: Array  # (K, N, N)
+    B: Array  # (K, N, n_a)
+    F: Array  # (K, N, N)
+    G: Array  # (K, N, n_a)
+    joints: Array  # (K, nv, N) deviations of all joints by z
+    joints_by_torque: Array  # (K, nv, n_a) and by torques, of deflections in static balance
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates h."""
+        return (self.A.shape[1] - len(self.names)) // 2
+
+
+class _Equations(NamedTuple):
+    """M w" + D w' + K w = B tau at T instants, for d coordinates w."""
+
+    M: Array  # (T, d, d)
+    D: Array  # (T, d, d)
+    K: Array  # (T, d, d)
+    B: Array  # (T, d, n_a)
+    V: Array  # (T, d, d) dy/dw
+
+
+class _Choice(NamedTuple):
+    """The coordinates w = (x, q_m, e of the others), and which of them stay in the model."""
+
+    motors: IntArray  # indices of the motors whose joints are coordinates
+    others: IntArray  # indices of the deflections that are coordinates
+    kept: IntArray  # indices of w: h
+    balanced: IntArray  # indices of w: l
+
+
+def linearise_plan(reference: Reference, disturbances: tuple[str, ...] = ()) -> LinearModel:
+    """Compute the linear model about a plan, with the disturbances theta of some kinds.
+
+    Args:
+        reference: plan at the sampling instants.
+        disturbances: kinds of DISTURBANCES.
+
+    Raises:
+        InvalidInput: unknown kind; a motion of the platform moves no mass.
+        NotAssembled: the platform does not determine the joints at some instant (Type 1).
+    """
+    from scipy.linalg import expm
+
+    robot, motion, period = reference.robot, reference.motion, reference.period
+    joint_torque = robot.gear_ratio * reference.torque - (robot.rotors * motion.a)[:, robot.actuated]
+    rates = (reference.x, reference.dx, reference.ddx)
+    steps = np.concatenate([robot.elastic, robot.structure.idle])
+    changes = coordinate_changes(robot, motion, steps, rates)
+    force_changes = driven_force_changes(robot, motion, joint_torque, changes)
+    d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints, which rest
+    changes = MotionChanges(*(change[..., :d, :] for change in changes))
+    E = matmul(changes.q, force_changes[:, :, :d].swapaxes(2, 3))  # (3, K, d, d)
+
+    spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
+    at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
+    choice = _choose_coordinates(reference, E[:, spread], at_some)
+    equations = _transform(reference, E, changes, choice)
+    h, b = choice.kept, choice.balanced  # b: indices of l
+    M, D, K, B, L_h, L_t = _condense(equations, h, b)
+    inverse = np.linalg.inv(M)
+
+    names, forces = _disturbance_forces(reference, changes, disturbances)  # (K, d, p) on y
+    f = equations.V.swapaxes(1, 2) @ forces  # on w
+    K_ll = equations.K[:, b[:, None], b]
+    L_f = np.linalg.solve(K_ll, f[:, b])
+    f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
+
+    count, m, p = len(M), len(h), len(names)
+    N, n_a = 2 * m + p, robot.n_a
+    generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
+    generator[:, :m, m : 2 * m] = np.eye(m)
+    parts = [-inverse @ K, -inverse @ D, inverse @ f_h, inverse @ B]
+    generator[:, m : 2 * m] = np.concatenate(parts, axis=2)
+    middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])  # of each period
+    transition = expm(middle * period)
+
+    # joints by z: w = (h, l) by z, y = V w, dq = T y
+    w_by_z = np.zeros((count, d, N))
+    w_by_z[:, h, :m] = np.eye(m)
+    w_by_z[:, b, :m] = L_h
+    w_by_z[:, b, 2 * m :] = L_f
+    joints_by_w = changes.q.swapaxes(1, 2) @ equations.V  # (K, nv, d)
+    return LinearModel(
+        columns=np.concatenate([robot.actuated[choice.motors], robot.elastic[choice.others]])[
+            h[robot.n :] - robot.n
+        ],
+        names=names,
+        A=generator[:, :N, :N],
+        B=generator[:, :N, N:],
+        F=transition[:, :N, :N],
+        G=transition[:, :N, N:],
+        joints=joints_by_w @ w_by_z,
+        joints_by_torque=joints_by_w[:, :, b] @ L_t,
+    )
+
+
+def _transform(reference: Reference, E: Array, changes: MotionChanges, choice: _Choice) -> _Equations:
+    """Transform the equations E (3, T, d, d) of y to those of w, see the header."""
+    robot = reference.robot
+    n = robot.n
+    joints = robot.actuated[choice.motors]
+    W = np.zeros((3, *E.shape[1:]))  # W and its two time derivatives
+    W[0, :, range(n), range(n)] = 1.0
+    rows = slice(n, n + len(joints))
+    for order, rate in enumerate((changes.q, changes.v, changes.accelerations[0])):
+        W[order, :, rows] = rate[..., joints].swapaxes(1, 2)
+    W[0, :, range(rows.stop, W.shape[2]), n + choice.others] = 1.0
+    V = np.linalg.inv(W[0])
+    dV = -V @ W[1] @ V
+    ddV = -V @ (W[2] @ V + 2 * W[1] @ dV)
+    VT = V.swapaxes(1, 2)
+    return _Equations(
+        M=VT @ E[2] @ V,
+        D=VT @ (E[1] @ V + 2 * E[2] @ dV),
+        K=VT @ (E[0] @ V + E[1] @ dV + E[2] @ ddV),
+        B=VT @ (robot.gear_ratio * changes.q[..., robot.actuated]),
+        V=V,
+    )
+
+
+class _Condensed(NamedTuple):
+    """M h" + D h' + K h = B tau, with l = L_h h + L_t tau."""
+
+    M: Array  # (T, m, m)
+    D: Array  # (T, m, m)
+    K: Array  # (T, m, m)
+    B: Array  # (T, m, n_a)
+    L_h: Array  # (T, d - m, m)
+    L_t: Array  # (T, d - m, n_a)
+
+
+def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
+    """Eliminate the coordinates `b` in static balance.
+
+    The mass of these moves along with h as in static balance (Guyan), and is zero for massless links.
+    """
+    M, D, K, B, _V = equations
+    hh, hb, bh, bb = (np.ix_(np.arange(len(M)), rows, columns) for rows in (h, b) for columns in (h, b))
+    L_h = np.asarray(-np.linalg.solve(K[bb], K[bh]), float)
+    L_t = np.asarray(np.linalg.solve(K[bb], B[:, b]), float)
+    L_hT = L_h.swapaxes(1, 2)
+
+    def along_balance(matrix: Array) -> Array:
+        """Return a matrix for motions h with l = L_h h."""
+        along: Array = matrix[hh] + matrix[hb] @ L_h + L_hT @ (matrix[bh] + matrix[bb] @ L_h)
+        return along
+
+    return _Condensed(
+        M=along_balance(M),
+        D=along_balance(D),
+        K=K[hh] + K[hb] @ L_h,
+        B=B[:, h] - K[hb] @ L_t,
+        L_h=L_h,
+        L_t=L_t,
+    )
+
+
+def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> _Choice:
+    """Choose the coordinates w and those of them in static balance, from T instants.
+
+    At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
+    other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
+    place to a deflection in static balance. While the model still vibrates too fast, so does the joint that
+    moves most in its fastest vibration.
+
+    Raises:
+        InvalidInput: a motion of the platform moves no mass.
+    """
+    robot = reference.robot
+    n, d = robot.n, robot.n + robot.n_e
+    largest = (2 * np.pi * MAX_MODE_SHARE / reference.period) ** 2  # square of a frequency [rad^2/s^2]
+    motors, others = _motors_of_springs(robot, changes)
+    fast: set[int] = set()  # deflections in static balance whatever their own frequency
+    while True:
+        equations = _transform(reference, E, changes, _Choice(motors, others, np.arange(0), np.arange(0)))
+        mass, stiffness = (np.abs(np.einsum("tii->ti", X)) for X in (equations.M, equations.K))
+        squares = (stiffness / np.maximum(mass, np.finfo(float).tiny)).min(axis=0)  # (d,) others at rest
+        first = n + len(motors)  # of the deflections
+        is_balanced = squares > largest
+        is_balanced[:first] = False
+        is_balanced[first:] |= np.isin(others, list(fast))
+        kept, balanced = np.flatnonzero(~is_balanced), np.flatnonzero(is_balanced)
+        out = int(np.argmax(squares[n:first])) + n if len(motors) else d  # index of w to be taken out
+        if out == d or squares[out] <= largest:
+            condensed = _condense(equations, kept, balanced)
+            M = condensed.M
+            _require_mass(robot, M)
+            values, vectors = np.linalg.eig(np.linalg.solve(M, condensed.K))
+            instant, mode = np.unravel_index(np.argmax(values.real), values.shape)
+            if values[instant, mode].real <= largest or len(kept) == n:
+                return _Choice(motors, others, kept, balanced)
+            energy = np.abs(vectors[instant, :, mode]) ** 2 * np.abs(np.diagonal(M[instant]))
+            out = int(kept[n + np.argmax(energy[n:])])
+        if out >= first:
+            fast.add(int(others[out - first]))
+            continue
+        motors = np.delete(motors, out - n)
+        replaced = _replaced_deflections(robot, changes, motors)
+        remaining = np.setdiff1d(np.arange(robot.n_e), replaced)
+        fast.update(np.setdiff1d(remaining, others).tolist())
+        others = remaining
+
+
+def _require_mass(robot: ParallelRobot, M: Array) -> None:
+    """Raise InvalidInput if a motion moves no mass: mass matrices M (T, m, m) are singular."""
+    size = np.sqrt(np.abs(np.einsum("tii->ti", M)))
+    scaled = M / np.maximum(size[:, :, None] * size[:, None], np.finfo(float).tiny)
+    if np.linalg.svd(scaled, compute_uv=False)[:, -1].min() < RANK_ROUNDING:
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: some motion of the platform moves no mass, so that torques "
+            f"do not tell its acceleration"
+        )
+
+
+def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
+    """Return motors whose joints deflections move independently, and the deflections they leave."""
+    from scipy.linalg import qr
+
+    if not robot.n_e:
+        return np.arange(0), np.arange(0)
+    G = changes.q[:, robot.n :, robot.actuated] * robot.column_scale[robot.elastic, None]  # (T, n_e, n_a)
+    G = G / robot.column_scale[robot.actuated]
+    R, pivots = qr(G[len(G) // 2], mode="r", pivoting=True)
+    size = np.abs(np.diagonal(R))
+    motors = np.sort(pivots[: np.count_nonzero(size > RANK_LOST * size.max())])
+    return motors, np.setdiff1d(np.arange(robot.n_e), _replaced_deflections(robot, changes, motors))
+
+
+def _replaced_deflections(robot: ParallelRobot, changes: MotionChanges, motors: IntArray) -> IntArray:
+    """Choose the deflections (k,) that k motors replace, so that W is far from singular at all T instants."""
+    from scipy.linalg import qr
+
+    G = (
+        changes.q[:, robot.n :, robot.actuated[motors]] * robot.column_scale[robot.elastic, None]
+    )  # (T, n_e, k)
+    candidates = {tuple(sorted(qr(g.T, mode="r", pivoting=True)[1][: len(motors)])) for g in G}
+
+    def clearance(rows: tuple[int, ...]) -> float:
+        return float(np.linalg.svd(G[:, list(rows)], compute_uv=False).min(initial=np.inf))
+
+    return np.array(max(sorted(candidates), key=clearance), dtype=int)
+
+
+# ------------------------------------------------------------------ disturbances
+
+
+def _disturbance_forces(
+    reference: Reference, changes: MotionChanges, kinds: tuple[str, ...]
+) -> tuple[tuple[str, ...], Array]:
+    """Compute the generalised forces f (K, d, p) on y of unit disturbances, and their names (p,).
+
+    Units are shares: of the payload's inertia, of the peak torque (dry friction, torque), of the stiffness of
+    a spring; gravity is in m/s^2 on base axes.
+    """
+    robot, motion = reference.robot, reference.motion
+    for kind in kinds:
+        check_choice("disturbances", kind, DISTURBANCES)
+    peak = np.abs(reference.torque).max(axis=0)  # (n_a,)
+    names: list[str] = []
+    forces: list[Array] = []  # (K, nv, k) that act on the joints
+    if "payload" in kinds:
+        heavier = replace(robot, model=scale_payload(robot, 1 + SMALL_CHANGE))
+        change = tree_forces(heavier, motion) - tree_forces(robot, motion)
+        names.append("payload")
+        forces.append(-change[:, :, None] / SMALL_CHANGE)
+    if "friction" in kinds:
+        smoothing = FRICTION_SMOOTHING * np.maximum(np.abs(reference.motor_speed).max(axis=0), MIN_SPEED)
+        names += [f"friction {name}" for name in robot.actuator_names]
+        forces.append(_motor_forces(robot, -peak * np.tanh(reference.motor_speed / smoothing)))
+    if "springs" in kinds:
+        deflections = robot.coordinates.positions(motion.q)[:, robot.elastic]  # (K, n_e)
+        of_springs = np.zeros((len(deflections), robot.nv, robot.n_e))
+        of_springs[:, robot.elastic, range(robot.n_e)] = -robot.stiffness * deflections
+        names += [f"spring {name}" for name in robot.elastic_names]
+        forces.append(of_springs)
+    if "gravity" in kinds:
+        names += [f"gravity {axis}" for axis in "xyz"]
+        forces.append(_weights(robot, motion.q))
+    if "torque" in kinds:
+        names += [f"torque {name}" for name in robot.actuator_names]
+        forces.append(_motor_forces(robot, np.tile(peak, (len(motion.q), 1))))
+    none = np.zeros((len(motion.q), robot.nv, 0))
+    return tuple(names), changes.q @ np.concatenate([none, *forces], axis=2)
+
+
+def _motor_forces(robot: ParallelRobot, torque: Array) -> Array:
+    """Return the joint forces (K, nv, n_a) of each motor's torque (K, n_a) alone, motor side."""
+    forces = np.zeros((len(torque), robot.nv, robot.n_a))
+    forces[:, robot.actuated, range(robot.n_a)] = robot.gear_ratio * torque
+    return forces
+
+
+def _weights(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the joint forces (K, nv, 3) of unit gravity along each base axis at q (K, nq)."""
+    forces = np.empty((len(q), robot.nv, 3))
+    for axis in range(3):
+        model = robot.model.copy()
+        model.gravity.linear = np.eye(3)[axis]
+        data = model.createData()
+        forces[:, :, axis] = [-pin.computeGeneralizedGravity(model, data, row) for row in q]
+    return forces

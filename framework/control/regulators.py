@@ -1,0 +1,336 @@
+"""Time-varying LQR and LQG on the linear model of a plan, for rigid and elastic robots, with a known delay.
+
+The dynamics about the plan are regular at Type 2 (`linear_model`). The motors do not control one direction
+for an instant there; the Riccati equation takes this into account: the gains before and after the crossing
+correct the errors in that direction. After Bordalba, Ros and Porta, A Singularity-Robust LQR Controller for
+Parallel Robots, IROS 2018.
+
+`lqr` measures the whole state. `lqg` estimates it, and disturbances theta with it, by a Kalman filter from
+the sensors that it has. As theta is in the model, the gains contain the feedforward against it, with
+foresight over the crossing. A known delay is not noise: the state is predicted with the torques that are on
+their way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from framework.control.controllers import Measurement, estimate_state
+from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.reference import Reference
+from framework.control.sensors import (
+    IMU_NOISE,
+    LEAST_NOISE,
+    PLATFORM_NOISE,
+    STATE,
+    ControlLoop,
+    Sensors,
+    sensors_of,
+)
+from framework.control.variations import Spread
+from framework.errors import InvalidInput
+from framework.kinematics.frames import difference
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.ordered_sums import matvec
+from framework.tolerances import RANK_ROUNDING
+
+UNIFORM = 1 / np.sqrt(3)  # standard deviation of a uniform distribution over its largest deviation
+GRAVITY_DEVIATION = 0.1  # [m/s^2] along each axis: a base that stands off by half a degree
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Deviations of equal cost, and what the model leaves out."""
+
+    position: float = 1e-3  # [robot lengths, rad] of the platform
+    speed: float = 2e-2  # [robot lengths/s, rad/s]
+    torque: float = 0.3  # share of each motor's peak torque in the plan
+    # standard deviations of what the Kalman filter does not model
+    acceleration: float = 0.03  # of the platform, share of gravity and of the plan's largest acceleration
+    motor_torque: float = 0.05  # share of each motor's peak torque
+    correlation: float = 0.02  # [s] time over which both persist
+    deflection: float = 0.2  # of encoders behind springs, share of the largest deflection
+
+
+@dataclass(frozen=True, eq=False)
+class Filter(ReadOnlyArrays):
+    """A Kalman filter of z from s readings: y = C z + D tau + noise."""
+
+    sensors: Sensors
+    C: Array  # (K, s, N)
+    D: Array  # (K, s, n_a)
+    deviation: Array  # (s,) standard deviations of the noise of the readings alone
+    gain: Array  # (K, N, s)
+
+
+@dataclass(frozen=True, eq=False)
+class Regulator(ReadOnlyArrays):
+    """tau = tau_plan - gain z, with the deviations z (N,) measured, or estimated by a `filter`."""
+
+    reference: Reference
+    model: LinearModel
+    gain: Array  # (K, n_a, N)
+    delay: int  # [periods] known, from measurement to torque
+    filter: Filter | None  # None: the state is measured, as far as h and h' go
+    prior: Array  # (N,) standard deviations of z at the start
+
+    def start(self, runs: int) -> RegulatorRun:
+        """Return the controller of R runs at the start of the plan."""
+        return RegulatorRun(self, np.zeros((runs, self.gain.shape[2])), [])
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m, N] of runs that have followed the plan up to instant k."""
+        run = self.start(len(measurement.motor_angle))
+        run.sent = [self.reference.period_torque[j] for j in range(min(k + self.delay, len(self.gain)))][:k]
+        return run.torque(k, measurement)
+
+
+@dataclass(eq=False)
+class RegulatorRun:
+    """A regulator with the state of R runs."""
+
+    regulator: Regulator
+    z: Array  # (R, N) deviations at the last instant
+    sent: list[Array]  # (R, n_a) torques sent at all instants so far
+
+    @property
+    def reference(self) -> Reference:
+        """The planned motion."""
+        return self.regulator.reference
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
+        own, model = self.regulator, self.regulator.model
+        planned, last = own.reference.period_torque, len(own.gain) - 1
+        z = self.z
+        if self.sent:
+            if measurement.command is not None:
+                self.sent[-1] = measurement.command  # limited
+            acting = self._deviation(k - 1)
+            z = matvec(model.F[k - 1], z) + matvec(model.G[k - 1], acting)
+        if own.filter is None:
+            z = np.concatenate([measured_state(own, k, measurement), z[:, 2 * model.m :]], axis=1)
+        else:
+            if measurement.readings is None:
+                raise InvalidInput("lqg: needs the readings of its sensors in the measurement")
+            expected = matvec(own.filter.C[k], z)
+            if self.sent:  # deflections in static balance with the torque of the last period
+                expected = expected + matvec(own.filter.D[k], acting)
+            z = z + matvec(own.filter.gain[k], measurement.readings - expected)
+        self.z = z
+
+        # predict through the periods whose torques have been sent
+        target = min(k + own.delay, last)
+        for j in range(k, target):
+            z = matvec(model.F[j], z)
+            if self.sent:
+                z = z + matvec(model.G[j], self._deviation(j))
+        command = planned[target] - matvec(own.gain[target], z)
+        self.sent.append(command)
+        return command
+
+    def _deviation(self, k: int) -> Array:
+        """Return the torque (R, n_a) that acts in the period after instant k, less the planned one."""
+        own = self.regulator
+        return self.sent[max(k - own.delay, 0)] - own.reference.period_torque[k]
+
+
+def measured_state(regulator: Regulator, k: int, measurement: Measurement) -> Array:
+    """Return the measured h and h' (R, 2m), less the planned ones, at instant k."""
+    reference, columns = regulator.reference, regulator.model.columns
+    state = estimate_state(reference, k, measurement, aware=True)
+    motion = reference.motion
+    joints = difference(reference.robot, motion.q[[k]], state.q)[:, columns]
+    rates = (state.v - motion.v[k])[:, columns]
+    return np.concatenate([state.x - reference.x[k], joints, state.dx - reference.dx[k], rates], axis=1)
+
+
+# ------------------------------------------------------------------ gains
+
+
+def tune_lqr(
+    reference: Reference, *, loop: ControlLoop | None = None, weights: Weights | None = None
+) -> Regulator:
+    """Compute the time-varying gains of least quadratic cost, for a measured state.
+
+    Raises:
+        InvalidInput: the robot has springs, and its state is not measured.
+    """
+    loop, weights = loop or ControlLoop(), weights or Weights()
+    robot = reference.robot
+    if robot.n_e and not sensors_of(robot, loop).state:
+        raise InvalidInput(
+            f"controller lqr: without the sensor {STATE} for rigid robots; {robot.name} has the springs "
+            f"{', '.join(robot.elastic_names)}: use lqg, or feedforward"
+        )
+    model = linearise_plan(reference)
+    gain = regulator_gains(reference, model, weights)
+    delay = loop.delayed_periods(reference.period)
+    return Regulator(reference, model, gain, delay, None, np.zeros(gain.shape[2]))
+
+
+def tune_lqg(
+    reference: Reference,
+    *,
+    loop: ControlLoop | None = None,
+    spread: Spread | None = None,
+    estimates: tuple[str, ...] | None = None,
+    weights: Weights | None = None,
+    model: LinearModel | None = None,
+) -> Regulator:
+    """Compute gains and a Kalman filter for the sensors of the loop.
+
+    Args:
+        loop: sensors, their steps, and the known delay.
+        spread: of robots about the model, whose noise and disturbances the filter expects.
+        estimates: disturbances that are estimated, kinds of DISTURBANCES; by default those of the spread.
+        weights: of the quadratic cost, and what the filter does not model.
+        model: linear model with all disturbances of the spread and of `estimates`, if there is one.
+    """
+    loop, weights, spread = loop or ControlLoop(), weights or Weights(), spread or Spread()
+    kinds = disturbances_of(spread)
+    estimates = kinds if estimates is None else estimates
+    model = model or linearise_plan(reference, tuple(dict.fromkeys([*kinds, *estimates])))
+    gain = regulator_gains(reference, model, weights)
+    prior = prior_deviations(reference, model, spread)
+    is_estimated = np.array(
+        [name.split()[0].rstrip("s") in {e.rstrip("s") for e in estimates} for name in model.names]
+    )
+    start = prior.copy()
+    start[2 * model.m :] *= is_estimated
+    observer = tune_filter(reference, model, loop, spread, weights, start)
+    return Regulator(reference, model, gain, loop.delayed_periods(reference.period), observer, prior)
+
+
+def disturbances_of(spread: Spread) -> tuple[str, ...]:
+    """Return the kinds of disturbances that a spread of robots has."""
+    sizes = {"payload": spread.payload, "friction": spread.friction, "springs": spread.stiffness}
+    return tuple(kind for kind, size in sizes.items() if size)
+
+
+def prior_deviations(reference: Reference, model: LinearModel, spread: Spread) -> Array:
+    """Return standard deviations (N,) of h, h' and theta at the start."""
+    robot, length = reference.robot, reference.robot.platform_scale
+    columns = robot.column_scale[model.columns]
+    sizes = {
+        "payload": spread.payload * UNIFORM,
+        "friction": spread.friction * UNIFORM,
+        "spring": spread.stiffness * UNIFORM,
+        "gravity": GRAVITY_DEVIATION,
+        "torque": 0.05,
+    }
+    theta = [sizes[name.split()[0]] for name in model.names]
+    return np.concatenate([2e-4 * length, 1e-3 * columns, 1e-4 * length, 1e-3 * columns, theta])
+
+
+def regulator_gains(reference: Reference, model: LinearModel, weights: Weights) -> Array:
+    """Compute the gains (K, n_a, N) of least quadratic cost.
+
+    The cost is the sum of z' Q z + u' R u for deviations z and torque corrections u. The weights are
+    diagonal: 1 / deviation^2 for positions and speeds of the platform, and for torques.
+    """
+    n, m = reference.robot.n, model.m
+    Q = np.zeros((model.A.shape[1],) * 2)
+    scale = reference.robot.platform_scale
+    platform = np.arange(n)
+    Q[platform, platform] = 1 / (weights.position * scale) ** 2
+    Q[m + platform, m + platform] = 1 / (weights.speed * scale) ** 2
+    peak = np.abs(reference.torque).max(axis=0)
+    R = np.diag(1 / (weights.torque * np.maximum(peak, RANK_ROUNDING * peak.max())) ** 2)
+    return solve_riccati(model.F, model.G, Q, R)
+
+
+def solve_riccati(F: Array, G: Array, Q: Array, R: Array) -> Array:
+    """Solve the discrete Riccati equation backwards in time for gains (K, n_a, N).
+
+    Args:
+        F, G: (K, N, N) and (K, N, n_a) of z_(k+1) = F_k z_k + G_k u_k.
+        Q, R: (N, N) and (n_a, n_a) weights of deviations and torque corrections.
+
+    For the cost-to-go z' P z after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
+    period has the matrix Q + L' R L + (F - G L)' P (F - G L).
+    """
+    gain = np.empty((len(G), *G.shape[:0:-1]))
+    P = Q  # cost-to-go at the end of the motion
+    for k in reversed(range(len(G))):
+        PG = P @ G[k]  # P is symmetric, so G' P F = (P G)' F
+        gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
+        closed_loop = F[k] - G[k] @ gain[k]
+        P = Q + gain[k].T @ R @ gain[k] + closed_loop.T @ P @ closed_loop
+    return gain
+
+
+def tune_filter(
+    reference: Reference,
+    model: LinearModel,
+    loop: ControlLoop,
+    spread: Spread,
+    weights: Weights,
+    prior: Array,
+) -> Filter:
+    """Compute the gains of the Kalman filter for the sensors of the loop.
+
+    Args:
+        prior: standard deviations (N,) of z at the start.
+    """
+    robot, period = reference.robot, reference.period
+    sensors = sensors_of(robot, loop)
+    C, D, deviation, trust = _sensor_rows(reference, model, sensors, spread)
+    R = deviation**2 + (weights.deflection * trust) ** 2
+
+    # accelerations that the model leaves out, over one period
+    n, m = robot.n, model.m
+    persistence = np.sqrt(weights.correlation * period)
+    gravity = np.linalg.norm(robot.model.gravity.linear) * robot.platform_scale / robot.length  # (n,)
+    largest = gravity + np.abs(reference.ddx).max(axis=0)
+    noise = np.zeros((len(C), 2 * m))
+    noise[:, m : m + n] = weights.acceleration * largest * persistence
+    peak = np.abs(reference.torque).max(axis=0)
+    noise[:, m + n :] = weights.motor_torque * persistence * (np.abs(model.B[:, m + n : 2 * m]) @ peak)
+
+    gain = np.empty(C.swapaxes(1, 2).shape)
+    P = np.diag(prior**2)
+    states = np.arange(2 * m)
+    for k in range(len(C)):
+        PC = P @ C[k].T
+        gain[k] = np.linalg.solve(C[k] @ PC + np.diag(R), PC.T).T
+        rest = np.eye(len(P)) - gain[k] @ C[k]
+        P = rest @ P @ rest.T + gain[k] * R @ gain[k].T  # Joseph's form stays positive
+        P = model.F[k] @ P @ model.F[k].T
+        P[states, states] += noise[k] ** 2
+    return Filter(sensors, C, D, deviation, gain)
+
+
+def _sensor_rows(
+    reference: Reference, model: LinearModel, sensors: Sensors, spread: Spread
+) -> tuple[Array, Array, Array, Array]:
+    """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau, and two deviations (s,).
+
+    The first is that of the readings alone, the second the deflection behind the encoder.
+    """
+    robot, n, m = reference.robot, reference.robot.n, model.m
+    S = sensors.joints.S
+    deflected = (
+        np.abs(robot.coordinates.positions(reference.motion.q)[:, robot.elastic])
+        / robot.column_scale[robot.elastic]
+    )
+    behind = np.where(sensors.joints.is_motor, 0.0, deflected.max(initial=0.0))
+    scale = np.abs(sensors.joints.noisy @ robot.column_scale)  # (s,) unit of the noise
+    C, D = [S @ model.joints], [S @ model.joints_by_torque]
+    readings = [np.hypot(sensors.joints.step / np.sqrt(12), np.maximum(spread.noise, LEAST_NOISE) * scale)]
+    trust = [behind * scale]
+    unit = np.zeros((len(model.A), n, model.A.shape[1]))
+    unit[:, range(n), range(n)] = 1.0
+    if sensors.platform:
+        C.append(unit)
+        D.append(np.zeros((len(unit), n, robot.n_a)))
+        readings.append(np.maximum(spread.noise, PLATFORM_NOISE) * robot.platform_scale)
+        trust.append(np.zeros(n))
+    if sensors.imu:
+        C.append(model.A[:, m : m + n])
+        D.append(model.B[:, m : m + n])
+        readings.append(np.full(n, IMU_NOISE))
+        trust.append(10 * IMU_NOISE * np.ones(n))
+    return np.concatenate(C, 1), np.concatenate(D, 1), np.concatenate(readings), np.concatenate(trust)

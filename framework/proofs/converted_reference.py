@@ -1,0 +1,86 @@
+"""The reference of a converted file: away from singularities, and the words that choose other modes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from framework.errors import FrameworkError
+from framework.kinematics.assembly import NEARBY_DISTANCE
+from framework.kinematics.diagnostics.regular_reference import regular_reference
+from framework.kinematics.frames import difference
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import ParsedRobot, RobotDescription
+from framework.numerics.arrays import Array
+from framework.proofs.assembly_modes import assembly_modes
+
+
+def choose_reference(parsed: ParsedRobot, *, max_listed: int = 4) -> tuple[RobotDescription, list[str]]:
+    """Move a reference that the file does not state away from singularities; remark on other modes.
+
+    A stated reference stays, and the remark has the one away from singularities. Other assembly modes are
+    listed if the reference had to be moved to close the loops.
+    """
+    description = parsed.description
+    if parsed.stated is None:  # a robot file of ours
+        return description, []
+    try:
+        robot = ParallelRobot.from_description(description)
+        near, regular = regular_reference(robot)
+    except FrameworkError:  # `crossing check` explains it
+        return description, []
+    remarks = []
+    if near.kind:
+        place = f"{near.distance:.2g} rad or robot lengths from a {near.kind} singularity"
+        q = robot.reference.q if regular is None else regular
+        words = _reference_option(robot, q)
+        if regular is not None and words and not parsed.stated:
+            remarks.append(f"reference: moved on, as the nearest closed pose is {place}")
+            robot = ParallelRobot.from_description(
+                replace(description, reference=robot.reference_values(regular))
+            )
+        else:
+            instead = f"; farther is {words}" if regular is not None and words else ""
+            remarks.append(f"reference: {place}{instead}")
+    q = robot.reference.q
+    positions = robot.reference_values(q)
+    moved = [abs(value - parsed.stated.get(name, 0.0)) for name, value in positions.items()]
+    if not parsed.stated or max(moved) > NEARBY_DISTANCE:
+        remarks += _other_modes(robot, max_listed)
+    return robot.description, remarks
+
+
+def _other_modes(robot: ParallelRobot, max_listed: int) -> list[str]:
+    """Return a remark on the other poses of the reference's motors, with words that choose each."""
+    motors = robot.actuated_coordinates(robot.reference.q[None])[0]
+    try:
+        found = assembly_modes(robot, motors).modes
+    except FrameworkError:  # such as motors that do not determine the pose
+        return []
+    others = [mode.q for mode in found if _moves_apart(robot, mode.q)]
+    words = [text for q in others if (text := _reference_option(robot, q))]
+    if not words:
+        return []
+    more = len(others) - len(words[:max_listed])
+    listed = "; or ".join(words[:max_listed]) + (f"; and {more} more" if more else "")
+    place = robot.place(robot.reference.x)
+    return [f"mode: {place}; the same motor positions close the loops otherwise, too, with {listed}"]
+
+
+def _moves_apart(robot: ParallelRobot, q: Array) -> bool:
+    """Return whether a pose q (nq,) is another one than the reference."""
+    apart = difference(robot, robot.reference.q, q) / robot.column_scale
+    return bool(np.abs(apart[robot.joints]).max() > NEARBY_DISTANCE)
+
+
+def _reference_option(robot: ParallelRobot, q: Array) -> str:
+    """Return `--reference` with the joints of a pose q (nq,) at six digits; empty unless it leads there."""
+    values = {name: float(f"{value:.6g}") + 0.0 for name, value in robot.reference_values(q).items()}
+    try:
+        posed = ParallelRobot.from_description(replace(robot.description, reference=values))
+    except FrameworkError:
+        return ""
+    if np.abs(difference(robot, q, posed.reference.q)).max() > NEARBY_DISTANCE:
+        return ""
+    return "--reference " + " ".join(f"{name}={value:g}" for name, value in values.items())

@@ -1,0 +1,97 @@
+"""Plans that begin on the way of others, and chains of plans as one motion."""
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Arc, InvalidInput, Line, chain_plans, plan_crossing, simulate
+from framework.control import reference_of
+from framework.files.trajectory_file import joint_trajectory
+from tests.oracles.equations_of_motion import defects_of
+
+PATH = Line([0.1, 0.345], [-0.05, 0.195])
+SEAM = 1e-9  # [N m] that a torque may jump
+
+
+def five_bar(flexibility: str = "rigid"):
+    return robots.load("five_bar", flexibility=flexibility)
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_joints", marks=pytest.mark.slow)])
+def test_two_crossings_are_one_motion(flexibility):
+    """Through the locus, on a curve back to the other side and through it again."""
+    robot = five_bar(flexibility)
+    first = plan_crossing(robot, PATH, duration=1.5, end_speed=0.4)
+    second = first.restart(1.3, [0.05, 0.35], duration=2.0)
+    chain = chain_plans([first, second], [1.3])
+    assert len(chain.crossings) == 2
+    assert np.abs(second.torque(0.0) - first.torque(1.3)).max() < SEAM
+    assert simulate(chain).tracking_error < 1e-9
+    defect = defects_of(chain)
+    assert max(defect.open, defect.acceleration, defect.force) < 1e-7
+
+
+@pytest.mark.parametrize(
+    "t", [pytest.param(0.1, marks=pytest.mark.slow), 0.5, pytest.param(1.0, marks=pytest.mark.slow)]
+)
+def test_the_rest_of_a_path_is_planned_anew_with_the_same_torques(t):
+    plan = plan_crossing(five_bar(), PATH, duration=1.5, law="optimal")
+    slower = plan.restart(t, duration=2.0 - t)
+    for order in range(3):
+        np.testing.assert_allclose(slower.platform(0.0, order), plan.platform(t, order), atol=1e-11)
+    assert np.abs(slower.torque(0.0) - plan.torque(t)).max() < SEAM
+    np.testing.assert_allclose(slower.platform(slower.duration), PATH(1.0), atol=1e-12)
+
+
+def test_a_chain_answers_as_its_plans_do():
+    plan = plan_crossing(five_bar(), PATH, duration=1.5)
+    rest = plan.restart(0.5, duration=1.6)
+    chain = chain_plans([plan, rest], [0.5])
+    before, after = np.linspace(0.0, 0.499, 40), np.linspace(0.001, 1.6, 40)
+    for quantity in ("torque", "motor_angle", "platform", "configuration"):
+        of_chain, of_plan, of_rest = (getattr(each, quantity) for each in (chain, plan, rest))
+        np.testing.assert_allclose(of_chain(before), of_plan(before), atol=1e-9)
+        np.testing.assert_allclose(of_chain(0.5 + after), of_rest(after), atol=1e-9)
+    assert chain.duration == pytest.approx(2.1)
+    assert chain.crossings[0].time == pytest.approx(0.5 + rest.crossings[0].time)
+    assert len(joint_trajectory(chain)["points"]) == 501
+    reference = reference_of(chain, period=1e-2)
+    np.testing.assert_allclose(reference.motion.v[50], plan.velocity(0.5), atol=1e-8)
+
+
+def test_a_chain_of_balls_keeps_its_angles():
+    robot = robots.load("gough_stewart", flexibility="rigid")
+    x = robot.reference.x
+    plan = plan_crossing(robot, Line(x, x + 0.02), duration=1.0, end_speed=0.5)
+    chain = chain_plans([plan, plan.restart(1.0, x + 0.03, duration=1.0)])
+    for t in (0.3, 0.999, 1.2, 1.9):
+        step = 1e-6
+        rate = (chain.motor_angle(t + step) - chain.motor_angle(t - step)) / (2.0 * step)
+        np.testing.assert_allclose(rate, chain.motor_angle(t, 1), rtol=1e-5, atol=1e-5)
+    assert simulate(chain).tracking_error < 1e-9
+
+
+def test_paths_that_do_not_continue_the_motion_are_refused():
+    plan = plan_crossing(five_bar(), PATH, duration=1.5)
+    x, dx = plan.platform(0.5), plan.platform(0.5, 1)
+    with pytest.raises(InvalidInput, match="the platform is at"):
+        plan.restart(0.5, Line(x + 0.01, x), duration=1.0)
+    with pytest.raises(InvalidInput, match="derivative of order 1"):
+        plan.restart(0.5, Line(x, x + np.array([0.1, 0.0])), duration=1.0)
+    with pytest.raises(InvalidInput, match="derivative of order"):
+        plan.restart(0.5, Arc(x, x + 0.1 * dx + [1e-3, -1e-3], x + 0.2 * dx + [4e-3, -4e-3]), duration=1.0)
+    with pytest.raises(InvalidInput, match="rests"):
+        plan.restart(1.5, Line(PATH(1.0), PATH(0.0)), duration=1.0)
+    with pytest.raises(InvalidInput, match="t: must lie in"):
+        plan.restart(2.0, duration=1.0)
+    with pytest.raises(InvalidInput, match="start_speed"):
+        plan.restart(0.5, duration=1.0, start_speed=0.3)
+
+
+def test_plans_that_do_not_meet_are_no_chain():
+    robot = five_bar()
+    plan = plan_crossing(robot, PATH, duration=1.5)
+    with pytest.raises(InvalidInput, match="jumps by"):
+        chain_plans([plan, plan])
+    with pytest.raises(InvalidInput, match="at least two"):
+        chain_plans([plan])

@@ -1,0 +1,128 @@
+"""Paths in joints without motors: through stretched legs, into other working modes."""
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import InvalidInput, JointPath, Line, NoAnswer, assemble, load_plan, plan_crossing, simulate
+from framework.cli import main
+from framework.planning import choose_joint_path, in_joints, save_plan
+from framework.proofs.working_modes import working_modes
+from tests.oracles.equations_of_motion import defects_of
+
+START, GOAL = [0.1, 0.345], [-0.05, 0.195]
+ELBOWS = ("left_elbow", "right_elbow")
+
+
+def five_bar():
+    return robots.load("five_bar", flexibility="rigid")
+
+
+def positions(robot, q: np.ndarray, joints) -> np.ndarray:
+    """The positions of joints at q (nq,)."""
+    return np.array([q[robot.model.joints[robot.model.getJointId(name)].idx_q] for name in joints])
+
+
+def elbows_flipped() -> JointPath:
+    """From the start of scene C to its goal with both elbows mirrored."""
+    robot = five_bar()
+    start, goal = (positions(robot, assemble(robot, x).q, ELBOWS) for x in (START, GOAL))
+    return JointPath(ELBOWS, Line(start, -goal))
+
+
+def test_both_elbows_flip_through_one_singular_point():
+    """Figures of a robot file that declares the elbows as platform, by another version of the program."""
+    plan = plan_crossing(five_bar(), elbows_flipped(), duration=1.5)
+    assert [round(crossing.s, 6) for crossing in plan.crossings] == [0.675983]
+    assert plan.certificate.tail < 1e-10
+    assert max(plan.peak_torque.values()) == pytest.approx(0.127, abs=1e-3)
+    assert simulate(plan).tracking_error < 1e-10
+    defect = defects_of(plan)
+    assert max(defect.open, defect.acceleration, defect.force) < 1e-8
+
+
+def test_the_tip_is_at_both_ends_where_the_platform_would_be():
+    """By pinocchio alone, without the loops."""
+    robot = five_bar()
+    plan = plan_crossing(robot, elbows_flipped(), duration=1.5)
+    for t, x in ((0.0, START), (plan.duration, GOAL)):
+        np.testing.assert_allclose(tip_of(robot, plan.configuration(t)), x, atol=1e-9)
+    assert positions(robot, plan.configuration(plan.duration), ELBOWS)[0] > 0.0  # it was negative
+
+
+def tip_of(robot, q: np.ndarray) -> np.ndarray:
+    """The place (2,) of the tip at q, by pinocchio alone."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.model.getFrameId("left_tip")].translation[:2]
+
+
+@pytest.mark.slow
+def test_the_quickest_flip_within_limits():
+    plan = plan_crossing(five_bar(), elbows_flipped(), optimize="time", torque_limit=0.165)
+    assert plan.duration == pytest.approx(0.936, abs=2e-3)
+    assert simulate(plan).tracking_error < 1e-10
+
+
+def test_the_joints_are_chosen_that_make_the_line_regular():
+    robot = five_bar()
+    start = assemble(robot, START).q
+    for mode in working_modes(robot, GOAL).modes:
+        chosen = choose_joint_path(robot, start, mode.q)
+        assert chosen.joints == ELBOWS
+        plan = plan_crossing(robot, chosen, duration=1.5)
+        end = plan.configuration(plan.duration)
+        np.testing.assert_allclose(np.exp(1j * end), np.exp(1j * mode.q), atol=1e-8)  # but for whole turns
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "modes"), [("spherical_rrr", 2), ("humanoid_ankle", 2), ("agile_eye", 1)])
+def test_legs_of_spatial_robots_flip(name, modes):
+    robot = robots.load(name, flexibility="rigid")
+    found = 0
+    for mode in working_modes(robot, robot.reference.x).modes:
+        if np.abs(np.exp(1j * mode.q) - np.exp(1j * robot.reference.q)).max() < 1e-6:
+            continue
+        try:
+            chosen = choose_joint_path(robot, robot.reference.q, mode.q)
+        except NoAnswer:
+            continue
+        plan = plan_crossing(robot, chosen, duration=2.0)
+        end = plan.configuration(plan.duration)
+        np.testing.assert_allclose(np.exp(1j * end), np.exp(1j * mode.q), atol=1e-7)
+        defect = defects_of(plan)
+        assert max(defect.open, defect.acceleration, defect.force) < 1e-7
+        found += 1
+        if found == modes:
+            return
+    pytest.fail(f"{found} modes reached")
+
+
+def test_motors_are_no_joints_of_a_path():
+    with pytest.raises(InvalidInput, match=r"left_motor has a motor.*left_elbow, right_elbow"):
+        in_joints(five_bar(), ["left_motor", "right_elbow"])
+    with pytest.raises(InvalidInput, match="needs 2 different ones"):
+        in_joints(five_bar(), ["left_elbow", "left_elbow"])
+    with pytest.raises(InvalidInput, match="elbow"):
+        in_joints(five_bar(), ["left_elbow", "elbow"])
+
+
+def test_a_saved_plan_keeps_its_joints(tmp_path):
+    plan = plan_crossing(five_bar(), elbows_flipped(), duration=1.5)
+    save_plan(plan, tmp_path)
+    again = load_plan(tmp_path)
+    assert again.robot.axis_names == ELBOWS
+    np.testing.assert_array_equal(again.torque(0.7), plan.torque(0.7))
+
+
+def test_the_command_flips_the_legs_of_motors(capsys):
+    line = ["--from", *map(str, START), "--to", *map(str, GOAL), "--duration", "1.5"]
+    assert main(["plan", "five_bar", *line, "--to-mode", "left_motor", "right_motor", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["platform_joints"] == list(ELBOWS)
+    assert [round(crossing["s"], 6) for crossing in document["crossings"]] == [0.675983]
+    assert main(["plan", "five_bar", *line, "--to-mode", "elbow"]) == 2
+    assert "valid: left_motor, right_motor" in capsys.readouterr().err

@@ -1,0 +1,54 @@
+"""The pages of the site: examples run, links lead somewhere, and it is built without a warning."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from framework.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(ROOT.glob("docs/**/*.md"))
+BLOCK = re.compile(r'^```(\w+)(?: title="([\w.]+)")?\n(.*?)^```', re.MULTILINE | re.DOTALL)
+WITH_CODE = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+TUTORIAL = ROOT / "docs" / "your_own_robot.md"
+MADE = ("reference/", "notebooks/", "gallery.md", "changelog.md", "lesson.html", "figures/")  # by the build
+
+
+@pytest.mark.filterwarnings("ignore:zmq.eventloop")  # of meshcat
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files with titles are written, commands of the tutorial run, then all Python in one namespace."""
+    monkeypatch.chdir(tmp_path)
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    for _, title, text in blocks:
+        if title:
+            Path(title).write_text(text, encoding="utf-8")
+    for kind, _, text in blocks if page == TUTORIAL else ():
+        for line in text.splitlines() if kind == "sh" else ():
+            assert main(shlex.split(line, comments=True)[1:]) == 0, line
+    names: dict[str, object] = {}
+    for kind, _, text in blocks:
+        if kind == "python":
+            exec(compile(text, str(page), "exec"), names)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
+        if not link.startswith("http"):
+            target = (page.parent / link).resolve().relative_to(ROOT / "docs").as_posix()
+            assert (ROOT / "docs" / target).exists() or target.startswith(MADE), link
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("mkdocstrings")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert "<math" in (tmp_path / "theory" / "index.html").read_text(encoding="utf-8")
