@@ -45,10 +45,11 @@ def test_torques_and_deflections_are_foreseen_to_second_order(options):
     for trust in (1e-2, 1e-3):
         proposal = search.program.propose(iterate, Weights(1e-4), trust, _equalities(search, iterate))
         assert proposal.step <= 1.05 * trust
-        foreseen = values(_foresee_deflections(iterate, proposal.y))
         reached = _balance(search, proposal.y, iterate.balance.deflections)
+        y = reached.law.coefficients  # the proposal's, but for the exact duration
+        foreseen = values(_foresee_deflections(iterate, y))
         off = np.abs(values(reached.balance.deflections) - foreseen).max() / np.abs(foreseen).max()
-        errors.append((off, abs(peak(reached, reached.response.y) - peak(iterate, proposal.y))))
+        errors.append((off, abs(peak(reached, y) - peak(iterate, y))))
     assert np.all(np.array(errors[1]) < 0.02 * np.array(errors[0]) + 1e-7)
     assert errors[0][1] < 1e-2
 
@@ -65,16 +66,11 @@ def peak(iterate, y):
 
 @pytest.mark.slow
 def test_a_better_law_is_not_missed_behind_one_that_rests_more():
-    """Laws whose ends were slowed down took 0.159 s; one of 0.1183 s exists."""
-    plan = plan_scene(
-        robots.load("delta", flexibility="flexible_links"),
-        "cross",
-        optimize="time",
-        torque_limit=60.0,
-        law="optimal",
-    )
-    assert plan.duration <= 0.125
-    assert max(plan.peak_torque.values()) <= 60.0
+    """Searches whose laws were slowed down at the ends took 0.4458 s; a law of 0.4344 s is known."""
+    robot = robots.load("three_rrr", flexibility="flexible_links")
+    plan = plan_scene(robot, "crossing", optimize="time", torque_limit=2.0, law="optimal")
+    assert plan.duration <= 0.4441
+    assert max(plan.peak_torque.values()) <= 2.0
 
 
 def test_a_certificate_that_finds_more_lowers_what_programs_may_use():
