@@ -16,6 +16,7 @@ from mkdocs.structure.files import File, Files
 
 from framework.catalogue import own_robots
 from framework.cli.commands import COMMANDS, parser_of
+from framework.planning.options import OPTIONS
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -161,6 +162,10 @@ def package_page(package: str) -> str:
     parts = [f"# {package}", f"`from {package} import ...`"]
     if there := [f"[`{name}`][{homes[name]}.{name}]" for name in sorted(core & set(homes))]:
         parts.append(f"Also public here, described with the [core](framework.md): {', '.join(there)}.")
+    if "plan_crossing" in homes and not core:
+        rows = [f"| `{each.name}` | {each.summary}{each.details} |" for each in OPTIONS.values()]
+        table = "\n".join(["| option | meaning |", "|---|---|", *rows])
+        parts.append(f"## Options of a plan\n\n{table}")
     parts += [
         f"::: {homes[name]}.{name}\n    options:\n      heading: {name}" for name in sorted(set(homes) - core)
     ]
@@ -169,6 +174,12 @@ def package_page(package: str) -> str:
 
 class FieldComments(griffe.Extension):
     """Take the comment behind a field, with its shape and unit, for its docstring."""
+
+    def on_function_instance(self, *, func: griffe.Function, **_: Any) -> None:
+        """Lead from a function that takes the options of a plan to their list."""
+        if func.docstring is not None and "{options}" in func.docstring.value:
+            listed = "options: see [the list](framework.md#options-of-a-plan)."
+            func.docstring.value = func.docstring.value.replace("{options}", listed)
 
     def on_attribute_instance(self, *, attr: griffe.Attribute, **_: Any) -> None:
         """Give a field without a docstring the comment at the end of its lines."""

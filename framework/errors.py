@@ -72,13 +72,16 @@ class SingularReference(InvalidInput):
     def __init__(
         self, robot: str, *, rows: Sequence[str], joints: Sequence[str], poses: Sequence[Mapping[str, float]]
     ) -> None:
-        """Write the message: rows and joints without effect, and poses beside the reference."""
+        """Write the message: rows and joints without effect, and poses beside the reference.
+
+        Each of the poses has been found to serve as a reference at the digits that are written.
+        """
         what = [f"{name} holds nothing" for name in rows] + [f"{name} moves nothing" for name in joints]
         shown = [", ".join(f"{joint}: {angle:.6g}" for joint, angle in pose.items()) for pose in poses]
         super().__init__(
             f"{robot}: the reference is on a singularity of the loops: {', '.join(what)} there, unlike "
-            f"nearby, and the robot can go on in several ways; give a reference beside it, such as "
-            f"{' or '.join(f'{{{angles}}}' for angles in shown)}"
+            f"nearby, and the robot can go on in several ways; give a reference beside it"
+            f"{', such as ' * bool(shown)}{' or '.join(f'{{{angles}}}' for angles in shown)}"
         )
         self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
 

@@ -118,18 +118,20 @@ The least turn from x has no axis there: 1 / 0.01 of an error of the beam turns 
 is asked for more often; at 0.001 five digits leave a section turned by 0.01 rad.
 """
 
-HELD_IDLE = 1e-2
-"""Torque that holds what turns and moves hardly a centre of mass, over the largest of a motor, joint side.
-
-Motor torques are off by that order, and plans say by how much. Exported files have 1e-8 to 1e-5 there, bent
-rods up to 8e-3, a pendulum or a wheel more than 1e-2. At 1e-1 plans hold pendulums; at 1e-4 rods stop plans.
-"""
-
 NEARLY_AT_REST = 0.01
 """Rate [robot lengths a radian] of centres of mass: slower, and a freedom is idle, or proposed as such.
 
 A plan measures what holding it costs (`HELD_IDLE`), so that no wrong torque comes of it. At 0.1 freedoms of
 digit_like are taken for idle, at 1e-3 the rods of talos_like and of Digit's toes for freedoms without motors.
+"""
+
+HELD_IDLE = NEARLY_AT_REST
+"""Torque that holds what turns and moves hardly a centre of mass, over the largest of a motor, joint side.
+
+Centres slower than NEARLY_AT_REST load an idle freedom by at most that share of their weights times the
+robot's length, which is the size of motor torques; more shows a faster centre or a large inertia. Motor
+torques are off by that order, and plans say by how much. At 1e-1 plans hold pendulums; at 1e-4 bent rods,
+which load their own line by up to 8e-3, stop plans.
 """
 
 REFERENCE_MOVE = 0.2

@@ -124,3 +124,18 @@ def test_limits_of_motors_may_be_said_beside_the_robot(posed):
     np.testing.assert_allclose(twice["wrench"]["alone"], 2 * np.array(limits["limits"]["wrench"]["alone"]))
     assert limits["limits"].keys() == {"wrench", "speed"}
     assert main(["pose", "five_bar", "--platform", "0", "0.3", "--torque-limit", "1", "2", "3"]) == 2
+
+
+def test_an_elastic_pose_has_its_stiffness_by_axis_and_direction_and_its_vibrations(document, crossing):
+    """Along an axis the inverse of the compliance; of a payload on massless rods omega^2 is K over mass."""
+    words = ("pose", "five_bar", "--platform", "0.05", "0.3")
+    told = document(*words, "--flexibility", "flexible_links")["stiffness"]
+    K = np.array(told["matrix"])
+    np.testing.assert_allclose(list(told["along"].values()), 1 / np.diagonal(np.linalg.inv(K)), rtol=1e-9)
+    softest = np.array(list(told["softest"].values()))
+    least, vectors = np.linalg.eigh(K)
+    np.testing.assert_allclose(np.abs(softest @ vectors[:, 0]), 1.0, rtol=1e-9)
+    frequencies = np.array([one["frequency"] for one in told["vibrations"]])
+    np.testing.assert_allclose((frequencies / frequencies[0]) ** 2, least / least[0], rtol=1e-6)
+    assert "stiffness" not in document(*words)
+    assert "softest along" in crossing(*words, "--flexibility", "flexible_links")[1]

@@ -86,6 +86,7 @@ QUESTIONS = {
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.instant": {"Instant"},
     "framework.dynamics.pointwise_dynamics": None,
+    "framework.dynamics.stiffness": {"platform_stiffness"},
     "framework.simulation": {"Simulation", "simulate"},
     "framework.simulation.methods": {"METHODS"},
 }

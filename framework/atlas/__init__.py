@@ -9,4 +9,4 @@ mode by a loop of the motors around a cusp.
 
 from framework.lazy_names import lazy_names
 
-__getattr__, __dir__ = lazy_names(__name__, __file__, ("design_study", "workspace_map"))
+__getattr__, __dir__ = lazy_names(__name__, __file__, ("design_study", "transmission", "workspace_map"))

@@ -12,12 +12,15 @@ from framework.atlas.nonsingular_mode_change import AssemblyModeChange, find_mod
 from framework.atlas.quantities import Quantity
 from framework.atlas.survey import Window, survey_window
 from framework.atlas.sweep import PoseReason
+from framework.atlas.transmission import LinkageTransmission, MappingError, transmission
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 
 __all__ = [
     "AssemblyModeChange",
     "DesignStudy",
     "Designs",
+    "LinkageTransmission",
+    "MappingError",
     "NearestSingularPose",
     "PoseReason",
     "Quantity",
@@ -30,6 +33,7 @@ __all__ = [
     "nearest_singular_pose",
     "read_designs",
     "survey_window",
+    "transmission",
     "workspace_map",
     "write_map",
     "write_study",

@@ -123,6 +123,15 @@ COMMANDS = {
         ),
         "robustness",
     ),
+    "transmission": Command(
+        "a linkage as a transmission: inertia, limits, friction and backlash that a joint feels behind it, "
+        "and the error of a static mapping of torques",
+        (
+            "crossing transmission five_bar --lower 0 0.3 --upper 0.05 0.35 --points 5",
+            "crossing transmission humanoid_ankle --out ankle",
+        ),
+        "transmission",
+    ),
     "show": Command(
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
         ("crossing show five_bar --scene A B C", "crossing show move --html crossing.html"),

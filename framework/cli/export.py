@@ -1,7 +1,8 @@
-"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson."""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, a controller, a lesson."""
 
 from __future__ import annotations
 
+import inspect
 import json
 from argparse import Namespace
 from collections.abc import Callable
@@ -15,10 +16,20 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_number,
     add_overwrite,
     add_robot_or_plan,
     add_rows,
     integer_between,
+)
+from framework.control import (
+    ControlLoop,
+    Spread,
+    TableController,
+    controller_table,
+    predict,
+    reference_of,
+    tuned_controller,
 )
 from framework.errors import InvalidInput, NoAnswer
 from framework.files.mjcf import START, mjcf_text, ranges_left_out
@@ -30,7 +41,7 @@ from framework.files.trajectory_file import (
     joint_trajectory,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import PROGRAM, write_files
+from framework.numerics.output import PROGRAM, json_text, write_files
 from framework.planning.motion_table import DEFAULT_ROWS
 from framework.planning.options import MOTION
 from framework.planning.result import CrossingPlan
@@ -44,16 +55,20 @@ SUFFIXES = {
     "ros2_control": (".yaml", ".yml", ".json"),
     "csv": (".csv",),
     "lesson": (".html",),
+    "controller": (".csv",),
 }
 FORMATS_OF = {  # formats that take an option; all formats take the others
-    "scene": ("ros2_control", "csv", "lesson"),
+    "scene": ("ros2_control", "csv", "lesson", "controller"),
     "samples": ("ros2_control", "csv"),
     "side": ("ros2_control",),
     "rate": ("csv",),
     "columns": ("csv",),
     "hinges": ("mjcf",),
-    "wrench": ("ros2_control", "csv"),
-    "wrench_on": ("ros2_control", "csv"),
+    "wrench": ("ros2_control", "csv", "controller"),
+    "wrench_on": ("ros2_control", "csv", "controller"),
+    "sensors": ("controller",),
+    "period": ("controller",),
+    "known_delay": ("controller",),
 }
 
 
@@ -72,7 +87,8 @@ def add_export_options(parser: OneLineParser) -> None:
         "--out",
         metavar="FILE",
         required=True,
-        help="NAME.xml, for ros2_control NAME.yaml or .json, NAME.csv, for a lesson NAME.html; - is stdout",
+        help="NAME.xml, for ros2_control NAME.yaml or .json, NAME.csv, for a lesson NAME.html, for a "
+        "controller NAME.csv with NAME.json and NAME_run.py; - is stdout",
     )
     add_overwrite(parser)
     parser.add_argument(
@@ -90,6 +106,12 @@ def add_export_options(parser: OneLineParser) -> None:
         action="store_true",
         help="in a MuJoCo model: balls as three hinges each",
     )
+    control = parser.topic("a controller")
+    control.add_argument(
+        "--sensors", nargs="+", metavar="NAME", help="of lqg, as in robustness (default: motors)"
+    )
+    add_number(control, "--period", "T", "sampling period [s] (default: 1e-3)")
+    add_number(control, "--known-delay", "T", "from measurement to torque [s] (default: 0)")
     group = parser.topic(MOTION)
     group.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
     parser.set_defaults(start=None, end=None, via=None, blend=None)
@@ -131,6 +153,33 @@ def _check_options(options: Namespace, file: FilePath) -> None:
         if program not in formats:
             reason = f"of {', '.join(formats)} only, not of {program}; leave it out"
             arguments.refuse_options(options, [key], reason)
+
+
+def _controller_file(options: Namespace, file: FilePath) -> Export:
+    """Return lqg for a plan as a table, its description, and a program that runs both.
+
+    It expects a payload and springs that are 10 and 20 % off, friction of 5 % of the peak, 8192 counts.
+    """
+    plan = _plan_of(options)
+    reference = reference_of(plan, period=1e-3 if options.period is None else options.period)
+    sensors = tuple(options.sensors or ["motors"])
+    loop = ControlLoop(
+        sensors=" ".join(sensors), delay=options.known_delay or 0.0, counts=8192, link_counts=2**18
+    )
+    spread = Spread(payload=0.1, stiffness=0.2 if plan.robot.n_e else 0.0, friction=0.05)
+    controller = tuned_controller("lqg", reference, loop=loop, spread=spread)
+    table, description = controller_table(controller, sensors)
+    program = file.with_name(f"{file.stem}_run.py")
+    texts = {
+        file: table,
+        file.with_suffix(".json"): json_text(description),
+        program: FilePath(inspect.getfile(TableController)).read_text(encoding="utf-8"),
+    }
+    prediction = predict("lqg", controller, loop, spread)
+    lines = ["lqg as a table", f"described in {file.with_suffix('.json').name}, run by {program.name}"]
+    if prediction is not None:
+        lines.append(f"predicted to deviate by {prediction.platform:.2g} robot lengths or rad")
+    return plan.robot, texts, lines
 
 
 def _model_file(options: Namespace, file: FilePath) -> Export:
@@ -202,4 +251,5 @@ WRITERS: dict[str, Callable[[Namespace, FilePath], Export]] = {
     "ros2_control": _trajectory_file,
     "csv": _table_file,
     "lesson": _lesson_file,
+    "controller": _controller_file,
 }

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # value of --bend without a number
-IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
+IMPROVING = "planning: best law so far {}; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
 # files of a plan that a new plan in the same folder replaces, also those that the new one does not have
@@ -229,7 +229,7 @@ def _make_plan(
     progress = options.progress
     progress.start("planning")
     if bend is None:
-        with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
+        with end_searches_by_ctrl_c(lambda words: progress.start(IMPROVING.format(words))):
             plan = plan_or_advise(robot, request)
         if level is None:
             return plan, {}, []

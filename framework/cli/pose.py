@@ -20,6 +20,7 @@ from framework.cli.parser import (
 )
 from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework.dynamics.stiffness import platform_stiffness
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity, finite_numbers
 from framework.kinematics.assembly import remark_on_turns
 from framework.kinematics.assembly_search import can_close, find_closed_pose
@@ -43,6 +44,7 @@ HEAD = """\
   mode              working {working_mode:+d}, assembly {assembly_mode:+d}"""
 NEAREST = "the nearest pose found within the joints' ranges has {1}, {0.distance:.6g} {0.unit} away: {2}"
 DISTANCES = "  distances         g {0.g:.3g}, sigma_A {0.sigma_A:.3g} (length {0.length:.3g} m){1}"
+SHOWN_MODES = 6  # vibrations that are listed
 OF_ONE_POSE = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")  # options
 WORST = (
     "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
@@ -148,7 +150,8 @@ def _report_pose(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     words = {key: _format_values(document[key]) for key in by_name}
     lines = [HEAD.format_map(document | words)]
     singularity, limits = _report_singularity(robot, q), _report_limits(robot, q, options)
-    for facts, sentences in (singularity, limits, _report_loads(robot, q, options)):
+    stiffness = _report_stiffness(robot, q) if robot.n_e else ({}, [])
+    for facts, sentences in (singularity, limits, stiffness, _report_loads(robot, q, options)):
         document |= facts
         lines += sentences
     lines.append(f"  closures          closed to {pose.closure_error:.1e} m or rad")
@@ -171,6 +174,34 @@ def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
         units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
         lines.append(WORST.format(classification, units))
     return {"singularity": _singularity_document(classification)}, lines
+
+
+def _report_stiffness(robot: ParallelRobot, q: Array) -> Report:
+    """Report stiffness and vibrations with locked motors, without load."""
+    try:
+        result = platform_stiffness(robot, q)
+    except InvalidInput:  # springs that leave the platform rigid along some axis
+        return {}, []
+    names = robot.axis_names
+    along = dict(zip(names, result.along_axes.tolist(), strict=True))
+    softest = dict(zip(names, result.softest_direction.tolist(), strict=True))
+    lines = [
+        f"  stiffness         {_format_values(along)} (N/m, N m/rad; a force along the axis, motors locked)",
+        f"  softest along     {_format_values(softest, 3)} (lengths in robot lengths)",
+    ]
+    lines += [
+        f"    row {name:<13} " + " ".join(f"{value:.4g}" for value in row)
+        for name, row in zip(names, result.stiffness, strict=True)
+    ]
+    modes = []
+    for frequency, mode in zip(result.frequencies[:SHOWN_MODES], result.platform_modes, strict=False):
+        moves = mode / robot.platform_scale
+        largest = np.abs(moves).max()
+        shape = dict(zip(names, moves / largest if largest else moves, strict=True))
+        modes.append({"frequency": float(frequency), "shape": shape})
+        lines.append(f"  vibration         {frequency:.4g} Hz, platform {_format_values(shape, 2)}")
+    facts = {"matrix": result.stiffness, "along": along, "softest": softest, "vibrations": modes}
+    return {"stiffness": facts}, lines
 
 
 def _singularity_document(classification: Classification) -> Document:

@@ -22,10 +22,11 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.by_name import CONTROLLERS, Tuning
+from framework.control.by_name import CONTROLLERS
 from framework.control.closed_loop import Run
 from framework.control.linear_model import DISTURBANCES
-from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.regulators import Tuning
 from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
     FILE,
@@ -263,7 +264,7 @@ def _make_setup(options: Namespace) -> StudySetup:
     )
 
 
-def _predict(setup: StudySetup) -> list[Prediction]:
+def _predict(setup: StudySetup) -> list[LoopPrediction]:
     """Return the predictions of lqg by sensors; none where the linear model does not exist."""
     try:
         return predict_by_sensors(setup.reference, setup.loop, setup.spread, tuning=setup.tuning)
@@ -271,7 +272,7 @@ def _predict(setup: StudySetup) -> list[Prediction]:
         return []
 
 
-def _predict_studies(options: Namespace, setup: StudySetup) -> list[Prediction]:
+def _predict_studies(options: Namespace, setup: StudySetup) -> list[LoopPrediction]:
     """Return the predictions of the controllers that are studied, as far as they are linear."""
     try:
         predictions = [
@@ -283,7 +284,7 @@ def _predict_studies(options: Namespace, setup: StudySetup) -> list[Prediction]:
     return [one for one in predictions if one is not None]
 
 
-def _list_predictions(predictions: list[Prediction]) -> str:
+def _list_predictions(predictions: list[LoopPrediction]) -> str:
     """Return the predictions in words, by sensors."""
     return ", ".join(f"{one.sensors} {one.platform:.1e}" for one in predictions)
 
@@ -392,7 +393,7 @@ def _format_studies(document: Document) -> list[str]:
     binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
     lines = [HEAD.format_map(document | {"binding": binding}), *map(ROW.format_map, document["studies"])]
     if document["predicted"]:
-        predictions = [Prediction(**one) for one in document["predicted"]]
+        predictions = [LoopPrediction(**one) for one in document["predicted"]]
         lines.append(PREDICTED.format(_list_predictions(predictions)))
         chosen = suggest_sensors(predictions, document["tolerance"])
         lines.append(LEAST.format("none of these" if chosen is None else chosen.sensors, document["sensors"]))

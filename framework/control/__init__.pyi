@@ -1,12 +1,15 @@
-from framework.control.by_name import CONTROLLERS, Tuning, tuned_controller
+from framework.control.by_name import CONTROLLERS, tuned_controller
 from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import Controller, Measurement, RobotState
-from framework.control.linear_model import LinearModel, linearise_plan
-from framework.control.prediction import Prediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.linear_model import CoordinateChoice, LinearModel, linearise_plan
+from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.reference import Reference, reference_of
+from framework.control.regulators import Tuning
+from framework.control.run_table import TableController
 from framework.control.sensors import ControlLoop
 from framework.control.study import Study, StudySetup, load_study, run_study
+from framework.control.table import controller_table
 from framework.control.variations import Spread, Variation, draw
 
 __all__ = [
@@ -14,17 +17,20 @@ __all__ = [
     "ControlCycle",
     "ControlLoop",
     "Controller",
+    "CoordinateChoice",
     "LinearModel",
+    "LoopPrediction",
     "Measurement",
-    "Prediction",
     "Reference",
     "RobotState",
     "Run",
     "Spread",
     "Study",
     "StudySetup",
+    "TableController",
     "Tuning",
     "Variation",
+    "controller_table",
     "draw",
     "linearise_plan",
     "load_study",

@@ -3,42 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
-from framework.control.linear_model import DISTURBANCES
+from framework.control.prediction import LinearModels
 from framework.control.reference import Reference
-from framework.control.regulators import Weights, tune_lqg, tune_lqr
+from framework.control.regulators import Tuning, Weights, tune_lqr
 from framework.control.sensors import ControlLoop
 from framework.control.variations import Spread
 from framework.errors import check_choice
-from framework.numerics.fields import not_negative, positive
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """What a designer may choose of the controllers."""
-
-    # [rad/s] of feedforward (each motor) and computed torque (the platform); None: 40 and 20, or less as the
-    # delay demands
-    bandwidth: float | None = None
-    integral: float = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
-    # of lqr and lqg: torque corrections, as shares of the peak, that cost as much as a deviation of the
-    # platform by 1e-3 robot lengths; a larger share gives faster control
-    torque_share: float = 0.3
-    # of lqg: kinds of DISTURBANCES that are estimated; None: those of the spread of robots
-    estimates: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        """Check signs and names."""
-        if self.bandwidth is not None:
-            positive("bandwidth", self.bandwidth)
-        not_negative("integral", self.integral)
-        positive("torque_share", self.torque_share)
-        for name in self.estimates or ():
-            check_choice("estimates", name, DISTURBANCES)
 
 
 class Setting(NamedTuple):
@@ -68,8 +42,7 @@ def _tune_lqr(setting: Setting) -> Controller:
 
 def _tune_lqg(setting: Setting) -> Controller:
     reference, loop, spread, tuning = setting
-    weights = Weights(torque=tuning.torque_share)
-    return tune_lqg(reference, loop=loop, spread=spread, estimates=tuning.estimates, weights=weights)
+    return LinearModels.of(reference, spread, tuning).tune_lqg(loop)[0]
 
 
 CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {

@@ -14,7 +14,7 @@ import numpy as np
 
 from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.reference import Reference
-from framework.control.sensors import ControlLoop, Sensors, motor_step, sensors_of
+from framework.control.sensors import ControlLoop, LoopSensors, motor_step, sensors_of
 from framework.control.variations import (
     FRICTION_SMOOTHING,
     MIN_SPEED,
@@ -216,7 +216,7 @@ class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches."""
 
     reference: Reference  # the planned motion
-    sensors: Sensors
+    sensors: LoopSensors
     motor_step: Array  # (n_a,) steps of the motors' encoders [rad, m], joint side; 0 without steps
     stepper: Stepper  # computes the motion of all robots over one period
     start: State  # q (R, nq), v (R, nv)

@@ -223,7 +223,9 @@ PLATFORM_BANDWIDTH = 20.0  # [rad/s] of computed torque
 # a critically damped double integrator crosses at 2.06 of its frequency with a phase margin of 76 degrees
 # less 118 degrees times this number: 40 degrees are left
 MAX_PHASE = 0.3
-BANDWIDTHS = DEFAULT_BANDWIDTH * 2.0 ** -np.arange(0, 6.5, 0.5)  # [rad/s] tried for robots with springs
+BANDWIDTHS = DEFAULT_BANDWIDTH * 2.0 ** -np.arange(
+    13
+)  # [rad/s] tried for robots with springs; the last does nothing
 
 
 def default_bandwidth(delay: float, period: float, largest: float) -> float:

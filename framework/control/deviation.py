@@ -45,14 +45,18 @@ class Deviation(NamedTuple):
     torque: Array  # (K, n_a) of the torques less the planned ones [N m, N], motor side
 
 
-def closed_loop_deviation(model: LinearModel, feedback: Feedback, start: Array) -> Deviation:
+def closed_loop_deviation(
+    model: LinearModel, feedback: Feedback, start: Array, *, true: LinearModel | None = None
+) -> Deviation:
     """Compute the standard deviations of z and of the torques in the closed loop.
 
     Args:
         model: linear model with K instants and N states.
         feedback: torques by z.
         start: standard deviations (N,) of z at the start.
+        true: model of the robot, if it differs from that of the controller.
     """
+    true = true or model
     count, N, n_a = model.G.shape
     observer, delay = feedback.observer, feedback.delay
     states = N if observer is None else 2 * N  # z, and z^
@@ -79,21 +83,20 @@ def closed_loop_deviation(model: LinearModel, feedback: Feedback, start: Array) 
         command, command_noise = -feedback.gain[target] @ ahead, -feedback.gain[target] @ ahead_noise
         acting, acting_noise = (waiting[0], 0 * command_noise) if delay else (command, command_noise)
 
-        rows = [model.F[k] @ unit[:N] + model.G[k] @ acting]
-        noise_rows = [model.G[k] @ acting_noise]
+        rows = [true.F[k] @ unit[:N] + true.G[k] @ acting]
+        noise_rows = [true.G[k] @ acting_noise]
         if observer is not None:
             rows.append(model.F[k] @ estimate + model.G[k] @ acting)
             noise_rows.append(model.F[k] @ noise + model.G[k] @ acting_noise)
         if delay:
             rows += [*waiting[1:], command]
             noise_rows += [*(0 * command_noise for _ in waiting[1:]), command_noise]
-        torque[k] = np.sqrt(
-            np.einsum("ij,jk,ik->i", command, covariance, command) + (command_noise**2).sum(axis=1)
-        )
+        variance = np.einsum("ij,jk,ik->i", command, covariance, command) + (command_noise**2).sum(axis=1)
+        torque[k] = np.sqrt(np.maximum(variance, 0.0))
         step, step_noise = np.concatenate(rows), np.concatenate(noise_rows)
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverges
             covariance = step @ covariance @ step.T + step_noise @ step_noise.T
-        if not np.isfinite(covariance).all():
+        if not np.abs(covariance).max() < 1e30:
             z[k + 1 :], torque[k + 1 :] = np.inf, np.inf
             break
     return Deviation(z, torque)

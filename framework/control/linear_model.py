@@ -37,9 +37,18 @@ from framework.numerics.ordered_sums import matmul
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 DISTURBANCES = ("payload", "friction", "springs", "gravity", "torque")
-MAX_MODE_SHARE = 1 / 3  # of the sampling rate, of the fastest vibration in the model
+MAX_MODE_SHARE = 1.0  # of the sampling rate, of the fastest vibration in the model
 CHOICE_INSTANTS = 9  # at which coordinates are chosen
 SMALL_CHANGE = 0.01  # of the payload, in which forces are linear
+
+
+class CoordinateChoice(NamedTuple):
+    """The coordinates w = (x, q_m, e of the others), and which of them stay in the model."""
+
+    motors: IntArray  # indices of the motors whose joints are coordinates
+    others: IntArray  # indices of the deflections that are coordinates
+    kept: IntArray  # indices of w: h
+    balanced: IntArray  # indices of w: l
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +58,9 @@ class LinearModel(ReadOnlyArrays):
     h are platform coordinates [m, rad], then the joints `columns`. F and G advance z by one period.
     """
 
+    choice: CoordinateChoice
     columns: IntArray  # (m - n,) joints in h behind the platform
+    kinds: tuple[str, ...]  # of DISTURBANCES
     names: tuple[str, ...]  # (p,) of theta: payload, friction of a motor, ...
     A: Array  # (K, N, N)
     B: Array  # (K, N, n_a)
@@ -74,21 +85,15 @@ class _Equations(NamedTuple):
     V: Array  # (T, d, d) dy/dw
 
 
-class _Choice(NamedTuple):
-    """The coordinates w = (x, q_m, e of the others), and which of them stay in the model."""
-
-    motors: IntArray  # indices of the motors whose joints are coordinates
-    others: IntArray  # indices of the deflections that are coordinates
-    kept: IntArray  # indices of w: h
-    balanced: IntArray  # indices of w: l
-
-
-def linearise_plan(reference: Reference, disturbances: tuple[str, ...] = ()) -> LinearModel:
+def linearise_plan(
+    reference: Reference, disturbances: tuple[str, ...] = (), *, like: LinearModel | None = None
+) -> LinearModel:
     """Compute the linear model about a plan, with the disturbances theta of some kinds.
 
     Args:
         reference: plan at the sampling instants.
         disturbances: kinds of DISTURBANCES.
+        like: a model of another robot of the same structure, whose coordinates are taken.
 
     Raises:
         InvalidInput: unknown kind; a motion of the platform moves no mass.
@@ -108,7 +113,7 @@ def linearise_plan(reference: Reference, disturbances: tuple[str, ...] = ()) -> 
 
     spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
     at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
-    choice = _choose_coordinates(reference, E[:, spread], at_some)
+    choice = like.choice if like else _choose_coordinates(reference, E[:, spread], at_some)
     equations = _transform(reference, E, changes, choice)
     h, b = choice.kept, choice.balanced  # b: indices of l
     M, D, K, B, L_h, L_t = _condense(equations, h, b)
@@ -136,9 +141,11 @@ def linearise_plan(reference: Reference, disturbances: tuple[str, ...] = ()) -> 
     w_by_z[:, b, 2 * m :] = L_f
     joints_by_w = changes.q.swapaxes(1, 2) @ equations.V  # (K, nv, d)
     return LinearModel(
+        choice=choice,
         columns=np.concatenate([robot.actuated[choice.motors], robot.elastic[choice.others]])[
             h[robot.n :] - robot.n
         ],
+        kinds=disturbances,
         names=names,
         A=generator[:, :N, :N],
         B=generator[:, :N, N:],
@@ -149,7 +156,9 @@ def linearise_plan(reference: Reference, disturbances: tuple[str, ...] = ()) -> 
     )
 
 
-def _transform(reference: Reference, E: Array, changes: MotionChanges, choice: _Choice) -> _Equations:
+def _transform(
+    reference: Reference, E: Array, changes: MotionChanges, choice: CoordinateChoice
+) -> _Equations:
     """Transform the equations E (3, T, d, d) of y to those of w, see the header."""
     robot = reference.robot
     n = robot.n
@@ -210,7 +219,7 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
     )
 
 
-def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> _Choice:
+def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
     """Choose the coordinates w and those of them in static balance, from T instants.
 
     At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
@@ -227,7 +236,9 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     motors, others = _motors_of_springs(robot, changes)
     fast: set[int] = set()  # deflections in static balance whatever their own frequency
     while True:
-        equations = _transform(reference, E, changes, _Choice(motors, others, np.arange(0), np.arange(0)))
+        equations = _transform(
+            reference, E, changes, CoordinateChoice(motors, others, np.arange(0), np.arange(0))
+        )
         mass, stiffness = (np.abs(np.einsum("tii->ti", X)) for X in (equations.M, equations.K))
         squares = (stiffness / np.maximum(mass, np.finfo(float).tiny)).min(axis=0)  # (d,) others at rest
         first = n + len(motors)  # of the deflections
@@ -243,7 +254,7 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
             values, vectors = np.linalg.eig(np.linalg.solve(M, condensed.K))
             instant, mode = np.unravel_index(np.argmax(values.real), values.shape)
             if values[instant, mode].real <= largest or len(kept) == n:
-                return _Choice(motors, others, kept, balanced)
+                return CoordinateChoice(motors, others, kept, balanced)
             energy = np.abs(vectors[instant, :, mode]) ** 2 * np.abs(np.diagonal(M[instant]))
             out = int(kept[n + np.argmax(energy[n:])])
         if out >= first:

@@ -13,12 +13,12 @@ their way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
-from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
     IMU_NOISE,
@@ -26,13 +26,14 @@ from framework.control.sensors import (
     PLATFORM_NOISE,
     STATE,
     ControlLoop,
-    Sensors,
+    LoopSensors,
     sensors_of,
 )
 from framework.control.variations import Spread
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.frames import difference
 from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.tolerances import RANK_ROUNDING
 
@@ -53,12 +54,40 @@ class Weights:
     correlation: float = 0.02  # [s] time over which both persist
     deflection: float = 0.2  # of encoders behind springs, share of the largest deflection
 
+    def with_noise(self, factor: float) -> Weights:
+        """Return the weights with more noise of accelerations and motor torques."""
+        return replace(self, acceleration=factor * self.acceleration, motor_torque=factor * self.motor_torque)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What a designer may choose of the controllers."""
+
+    # [rad/s] of feedforward (each motor) and computed torque (the platform); None: 40 and 20, or less as the
+    # delay demands
+    bandwidth: float | None = None
+    integral: float = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
+    # of lqr and lqg: torque corrections, as shares of the peak, that cost as much as a deviation of the
+    # platform by 1e-3 robot lengths; a larger share gives faster control
+    torque_share: float = 0.3
+    # of lqg: kinds of DISTURBANCES that are estimated; None: those of the spread of robots
+    estimates: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check signs and names."""
+        if self.bandwidth is not None:
+            positive("bandwidth", self.bandwidth)
+        not_negative("integral", self.integral)
+        positive("torque_share", self.torque_share)
+        for name in self.estimates or ():
+            check_choice("estimates", name, DISTURBANCES)
+
 
 @dataclass(frozen=True, eq=False)
 class Filter(ReadOnlyArrays):
     """A Kalman filter of z from s readings: y = C z + D tau + noise."""
 
-    sensors: Sensors
+    sensors: LoopSensors
     C: Array  # (K, s, N)
     D: Array  # (K, s, n_a)
     deviation: Array  # (s,) standard deviations of the noise of the readings alone
@@ -304,7 +333,7 @@ def tune_filter(
 
 
 def _sensor_rows(
-    reference: Reference, model: LinearModel, sensors: Sensors, spread: Spread
+    reference: Reference, model: LinearModel, sensors: LoopSensors, spread: Spread
 ) -> tuple[Array, Array, Array, Array]:
     """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau, and two deviations (s,).
 

@@ -71,7 +71,7 @@ class JointSensors(NamedTuple):
     is_motor: Array  # (s,) whether the encoder sits on the motor, before all springs
 
 
-class Sensors(NamedTuple):
+class LoopSensors(NamedTuple):
     """The sensors of a robot."""
 
     joints: JointSensors
@@ -80,7 +80,7 @@ class Sensors(NamedTuple):
     state: bool  # the whole state is measured
 
 
-def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> Sensors:
+def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> LoopSensors:
     """Return the sensors that the loop names.
 
     Raises:
@@ -120,7 +120,7 @@ def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> Sensors:
     none = JointSensors(unit[:0], unit[:0], np.zeros(0), np.zeros(0, dtype=bool))
     joints = JointSensors(*(np.concatenate(fields) for fields in zip(none, *parts, strict=True)))
     state = STATE in names
-    return Sensors(joints, state or "platform" in names, "imu" in names, state)
+    return LoopSensors(joints, state or "platform" in names, "imu" in names, state)
 
 
 def _link_rows(robot: ParallelRobot) -> tuple[Array, IntArray]:

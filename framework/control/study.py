@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.by_name import Tuning, tuned_controller
+from framework.control.by_name import tuned_controller
 from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
 from framework.control.controllers import Controller
 from framework.control.reference import Reference, reference_of
+from framework.control.regulators import Tuning
 from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread, draw
 from framework.errors import InvalidInput
@@ -253,7 +254,13 @@ class StudySetup:
         Raises:
             InvalidInput: unknown name, or a robot that the controller cannot drive.
         """
-        return tuned_controller(name, self.reference, loop=self.loop, spread=self.spread, tuning=self.tuning)
+        kind, *changes = name.split()
+        gains: dict[str, Any] = {}
+        for change in changes:
+            key, _, value = change.partition("=")
+            gains[key] = float(value)
+        tuning = replace(self.tuning, **gains)
+        return tuned_controller(kind, self.reference, loop=self.loop, spread=self.spread, tuning=tuning)
 
     def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.

@@ -166,6 +166,21 @@ class PlatformStiffness(ReadOnlyArrays):
         with np.errstate(invalid="ignore"):
             return np.sqrt(self.squares) / (2 * np.pi)
 
+    @property
+    def along_axes(self) -> Array:
+        """Stiffness (n,) that a force along one axis feels, free to move along the others; 0 without any."""
+        with np.errstate(divide="ignore"):
+            stiffness: Array = 1 / np.diagonal(self.compliance)
+        return stiffness
+
+    @property
+    def softest_direction(self) -> Array:
+        """Unit twist (n,) of least stiffness, lengths in robot lengths; its largest entry is positive."""
+        scale = self.robot.platform_scale
+        _values, vectors = np.linalg.eigh(self.stiffness * np.outer(scale, scale))
+        direction = vectors[:, 0]
+        return direction * np.sign(direction[np.abs(direction).argmax()])
+
 
 def platform_stiffness(
     robot: ParallelRobot, q: ArrayLike, *, loaded: bool = False, wrench: ArrayLike | None = None

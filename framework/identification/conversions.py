@@ -73,10 +73,22 @@ class Conversions:
 
     def __str__(self) -> str:
         """Return the options of the command line that declare these conversions."""
-        words = [f"--unit {column}={unit}" for column, unit in self.units.items()]
-        words += [f"--sign {column}={sign:g}" for column, sign in self.signs.items()]
-        words += [f"--zero {column}={zero:g}" for column, zero in self.zeros.items()]
-        return " ".join([*words, *(f"--swap {one}={other}" for one, other in self.swaps.items())])
+        values: dict[str, Mapping[str, str | float]] = {
+            "--unit": self.units,
+            "--sign": self.signs,
+            "--zero": self.zeros,
+            "--swap": self.swaps,
+        }
+        return " ".join(
+            f"{option} {' '.join(f'{name}={_short(value)}' for name, value in pairs.items())}"
+            for option, pairs in values.items()
+            if pairs
+        )
+
+
+def _short(value: str | float) -> str:
+    """Return a word, or a number with up to six digits."""
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def load_recording(

@@ -31,7 +31,7 @@ from framework.kinematics.loop_structure import null_directions, rounded_gap
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, select
 from framework.numerics.banded_lu import Factors
-from framework.numerics.ordered_sums import matvec, singular_values
+from framework.numerics.ordered_sums import are_regular, matvec, singular_values
 from framework.tolerances import FILE_ROUNDING, LOOP_RATE, RANK_LOST
 
 
@@ -287,24 +287,9 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     return values.min(axis=1, initial=np.inf)
 
 
-def find_near_type2(
-    robot: ParallelRobot,
-    linearised: LinearisedLoops,
-    *,
-    cholesky_clearance: float = 1e-4,  # singular value of P whose square is well above the rounding of P'P
-) -> IntArray:
-    """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
-
-    Usually there are none. The Cholesky factorisation of P'P - c^2 I proves this at a tenth of the cost of
-    singular values: it succeeds only if all singular values of P are above c.
-    """
-    P = passive_matrix(robot, linearised)
-    shifted = P.swapaxes(1, 2) @ P - cholesky_clearance**2 * np.eye(P.shape[2])
-    try:
-        np.linalg.cholesky(shifted)
-    except np.linalg.LinAlgError:  # at some configuration: compute the singular values of all
-        return np.flatnonzero(clearance(robot, linearised) < RANK_LOST)
-    return np.empty(0, dtype=np.intp)
+def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
+    """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST."""
+    return np.flatnonzero(~are_regular(passive_matrix(robot, linearised), RANK_LOST))
 
 
 def equation_sizes(robot: ParallelRobot) -> Array:

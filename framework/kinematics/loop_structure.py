@@ -133,7 +133,10 @@ def refuse_singular_reference(
                 mechanism.name,
                 rows=[mechanism.rows.names[k] for k in rows],
                 joints=[mechanism.coordinates.name_of(passive[k]) for k in joints],
-                poses=[mechanism.reference_values(pose) for pose in poses[1:]],
+                poses=[
+                    {name: float(f"{value:.6g}") for name, value in mechanism.reference_values(pose).items()}
+                    for pose in poses[1:]
+                ],
             )
 
 

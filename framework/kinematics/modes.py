@@ -29,7 +29,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops,
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, join, select
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import are_regular, singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
 
@@ -100,8 +100,7 @@ def keeps_working_mode(robot: ParallelRobot, *stacks: LinearisedLoops) -> BoolAr
     """
     chain = join([ModeStates.of(robot, stack) for stack in stacks])
     starts, followers = select(chain, slice(None, -1)), select(chain, slice(1, None))
-    least = singular_values(followers.loops).min(axis=1, initial=np.inf)
-    return (least >= RANK_LOST) & share_working_mode(robot, starts, followers)
+    return are_regular(followers.loops, RANK_LOST) & share_working_mode(robot, starts, followers)
 
 
 def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeStates) -> BoolArray:

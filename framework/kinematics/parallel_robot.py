@@ -6,14 +6,14 @@ depends on q. A column is an index into pinocchio's velocity vector (nv,).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from framework.errors import expect, point
+from framework.errors import FrameworkError, SingularReference, expect, point
 from framework.kinematics.assembly import Configuration, nearby_configurations
 from framework.kinematics.couplings import coupling_jacobian, coupling_pattern
 from framework.kinematics.frames import FrameStack, frames_at, scratch_of
@@ -56,8 +56,11 @@ class ParallelRobot(Mechanism):
     elastic_inertia: bool = True  # False: a model in which the motion of the springs moves no mass
 
     @classmethod
-    def of(cls, mechanism: Mechanism) -> Self:
+    def of(cls, mechanism: Mechanism, *, advises: bool = True) -> Self:
         """Assemble a mechanism with the platform and the motors of its description.
+
+        Args:
+            advises: whether a SingularReference has poses that would serve, which are tried.
 
         Raises:
             NotAssembled: the loops do not close near the reference, see `assemble_mechanism`.
@@ -73,7 +76,13 @@ class ParallelRobot(Mechanism):
         passive = np.setdiff1d(mechanism.joints, actuated)
 
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
-        refuse_singular_reference(mechanism, passive, poses, matrices)
+        try:
+            refuse_singular_reference(mechanism, passive, poses, matrices)
+        except SingularReference as refusal:
+            served = [pose for pose in refusal.poses if advises and cls._serves(mechanism, pose)]
+            raise SingularReference(
+                mechanism.name, rows=refusal.rows, joints=refusal.joints, poses=served
+            ) from None
         apart = jacobians_apart(mechanism, closed.q)
         structure = LoopStructure.from_matrices(mechanism, passive, matrices, apart)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
@@ -220,6 +229,16 @@ class ParallelRobot(Mechanism):
     def actuated_coordinates(self, q: Array) -> Array:
         """Return the motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
         return self.coordinates.positions(q)[:, self.actuated]
+
+    @classmethod
+    def _serves(cls, mechanism: Mechanism, pose: Mapping[str, float]) -> bool:
+        """Return whether a pose, by joint, serves as the reference."""
+        posed = replace(mechanism.description, reference=pose)
+        try:
+            cls.of(Mechanism.from_description(posed, flexibility=mechanism.flexibility), advises=False)
+        except FrameworkError:
+            return False
+        return True
 
     _repr_mimebundle_ = notebook_picture("robot_picture")
 

@@ -244,6 +244,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     def _series(self, order: int) -> Array:
         """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative of s."""
+        order = min(order, len(self.coefficients))  # all further derivatives are zero, too
         scale = (2.0 / self.duration) ** order
         return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 

@@ -30,12 +30,12 @@ class SearchTime:
 
     seconds: float  # [s] from the start of the search
     end: float  # on the clock of `time.monotonic` [s]
-    on_result: Callable[[], object]  # called at the first result
+    on_result: Callable[[str], object]  # called at each result, with the result in words
     has_result: bool = False  # whether the search may end early
     has_ended: bool = False  # whether the limit or Ctrl-C has ended the search
 
 
-_UNLIMITED = SearchTime(math.inf, math.inf, on_result=lambda: None)
+_UNLIMITED = SearchTime(math.inf, math.inf, on_result=lambda words: None)
 _clock: ContextVar[SearchTime] = ContextVar("clock", default=_UNLIMITED)
 
 
@@ -59,22 +59,21 @@ def check_time() -> None:
         raise SearchEnded(f"the search was ended after {clock.seconds:g} s, {NONE_FOUND_YET}")
 
 
-def report_result() -> None:
-    """Report the first result of the current search, which may end early from now on."""
+def report_result(words: str) -> None:
+    """Report the best result of the current search, in words; the search may end early from now on."""
     clock = _clock.get()
-    if not clock.has_result:
-        clock.has_result = True
-        clock.on_result()
+    clock.has_result = True
+    clock.on_result(words)
 
 
 @contextmanager
-def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
+def end_searches_by_ctrl_c(on_result: Callable[[str], object]) -> Iterator[None]:
     """End the searches of a block at the first Ctrl-C after a result.
 
     The first Ctrl-C reinstates the previous handler of the signal. So the next one interrupts as usual.
 
     Args:
-        on_result: called at the first result of a search, after which Ctrl-C ends the search.
+        on_result: called with each result of a search in words; after the first Ctrl-C ends the search.
 
     Raises:
         KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result was not proved.

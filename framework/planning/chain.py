@@ -1,14 +1,15 @@
 """Plans one after the other, as one motion; plans that begin at an instant of another plan.
 
 A plan that is left at an instant and the next one meet if the position of the platform and its time
-derivatives agree there, up to the order that the torques contain. The chain has one path parameter s from 0
-to 1, of which each plan has an equal part.
+derivatives agree there, up to the order that the torques contain. The path of a chain is the motion of the
+platform itself, x(s) at the time t = s T of the whole duration T, so that it is as smooth as the motion; its
+law is s = t / T.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import factorial
 from typing import Any, ClassVar
@@ -21,14 +22,16 @@ from framework.dynamics.result import Certificate, InverseDynamics
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import REST, Ends, PlannedLaw, compose_derivatives, is_number, normalise_time
+from framework.laws.law import Law, compose_derivatives, is_number
 from framework.laws.path import NO_KNOTS, Line, Part, Path, expect_path
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
-from framework.planning.request import PEAK_SAMPLES, SMOOTHNESS
+from framework.planning.request import SMOOTHNESS
 from framework.planning.result import CrossingPlan
-from framework.tolerances import SAME_PLACE, SEAM_JUMP
+from framework.tolerances import SEAM_JUMP
+
+END_SAMPLES = 1001  # of a chain, for the largest speed of its motors
 
 
 def restart_plan(
@@ -68,39 +71,34 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     """
     if len(plans) < 2:
         raise InvalidInput(f"plans: a chain needs at least two, got {len(plans)}")
-    leaves = [*(times or [plan.duration for plan in plans[:-1]]), plans[-1].duration]
+    leaves = [*(times if len(times) else [plan.duration for plan in plans[:-1]]), plans[-1].duration]
     if len(leaves) != len(plans):
         raise InvalidInput(f"times: needs {len(plans) - 1}, one for each plan but the last, got {len(times)}")
     for plan, following, leave in zip(plans, plans[1:], leaves, strict=False):
         _check_instant(plan, leave)
         _check_seam(plan, leave, following)
-        s = plan.law(np.linspace(0.0, leave, PEAK_SAMPLES))
-        if not np.all(s <= s[-1] * (1.0 + SAME_PLACE)):
-            raise InvalidInput(f"plans: one passes s = {s[-1]:.6g}, where it is left, before and comes back")
-    if any(entry.rows.ndim == 2 for plan in plans for entry in plan.dynamics.wrenches.entries):
-        raise InvalidInput("plans: wrenches that are tables over a path cannot be chained")
-
-    law = ChainedLaw(tuple(plan.law for plan in plans), tuple(leaves))
-    parts = [Part(plan.path, 0.0, end) for plan, end in zip(plans, law.s_ends, strict=True)]
-    path = ChainedPath(tuple(parts))
-    friction = motor_friction(plans[0].robot, plans[0].request.friction)
-    dynamics = _join([plan.dynamics for plan in plans], law, path, friction)
-    crossings = [
-        replace(
-            crossing,
-            s=float(law(law.starts[k] + crossing.time)),
-            time=law.starts[k] + crossing.time,
-            speed=float(law(law.starts[k] + crossing.time, 1)),
-            acceleration=float(law(law.starts[k] + crossing.time, 2)),
-            condition=None,  # its coefficients are those of another s
+    wrenches = plans[0].request.wrenches
+    if any(plan.request.wrenches != wrenches for plan in plans) or any(
+        entry.rows.ndim == 2 for entry in plans[0].dynamics.wrenches.entries
+    ):
+        raise InvalidInput(
+            "plans: only those with the same wrenches, which do not depend on s, can be chained"
         )
-        for k, plan in enumerate(plans)
-        for crossing in plan.crossings
-        if crossing.time < leaves[k]
-    ]
-    first = plans[0]
+
+    path = MotionPath(tuple(plan.dynamics for plan in plans), tuple(leaves))
+    law = Law(np.array([0.5, 0.5]), path.duration)
+    friction = motor_friction(plans[0].robot, plans[0].request.friction)
+    dynamics = _join(path, law, friction)
+    speed = 1.0 / path.duration
+    crossings = []
+    for plan, start, leave in zip(plans, path.starts.tolist(), leaves, strict=False):
+        for crossing in plan.crossings:
+            if crossing.time < leave:
+                time = start + crossing.time
+                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
+                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     request = replace(
-        first.request,
+        plans[0].request,
         path=path,
         times=None,
         speeds=None,
@@ -109,12 +107,12 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         longest=None,
         law="auto",
         margin=0.0,
-        duration=law.duration,
-        start_speed=tuple(law.s_scales[0] * np.array(first.request.ends.start)) or None,
-        end_speed=tuple(law.s_scales[-1] * np.array(plans[-1].request.ends.goal)) or None,
+        duration=path.duration,
+        start_speed=speed,
+        end_speed=speed,
     )
     return CrossingPlan(
-        first.robot,
+        plans[0].robot,
         request,
         law,
         tuple(crossings),
@@ -166,122 +164,50 @@ class DepartingCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class ChainedPath:
-    """Parts of paths one after the other, each on an equal interval of s."""
+class MotionPath:
+    """The motion of the platform over its whole time, s = t / duration, as a path.
 
-    parts: tuple[Path, ...]
+    pieces: one after the other.
+    leaves: the instants (k,) [s] at which they are left, each in its own time.
+    """
+
+    pieces: tuple[InverseDynamics, ...]
+    leaves: tuple[float, ...]
 
     @property
-    def edges(self) -> Array:
-        """The ends (k + 1,) of the parts in s."""
-        return np.linspace(0.0, 1.0, len(self.parts) + 1)
+    def starts(self) -> Array:
+        """The instants (k + 1,) [s] at which the pieces begin, and the end."""
+        return np.concatenate([[0.0], np.cumsum(self.leaves)])
+
+    @property
+    def duration(self) -> float:
+        """The time [s] of all pieces together."""
+        return float(self.starts[-1])
 
     @property
     def n(self) -> int:
         """The number of coordinates."""
-        return self.parts[0].n
+        return self.pieces[0].path.n
 
     @property
     def knots(self) -> Array:
-        """The knots of the parts, and where they join."""
-        edges = self.edges
-        inner = [
-            start + (end - start) * part.knots
-            for part, start, end in zip(self.parts, edges, edges[1:], strict=False)
+        """The ends of the panels on which the motion is analytic, (m,) inside (0, 1)."""
+        edges = [
+            start + piece.torques.edges[piece.torques.edges < leave]
+            for piece, start, leave in zip(self.pieces, self.starts, self.leaves, strict=False)
         ]
-        return np.sort(np.concatenate([edges[1:-1], *inner]))
+        return np.unique(np.concatenate(edges))[1:] / self.duration
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative of an `order` in s; at a join, of the part behind it."""
+        """Compute x(s) or its derivative of an `order` in s; s of any shape (...) gives (..., n)."""
         values = np.asarray(s, dtype=float)
-        flat = values.ravel()
-        edges = self.edges
-        index = np.searchsorted(edges[1:-1], flat, side="right")
-        result = np.empty((len(flat), self.n))
-        for k, part in enumerate(self.parts):
-            chosen = index == k
-            width = edges[k + 1] - edges[k]
-            result[chosen] = part((flat[chosen] - edges[k]) / width, order) / width**order
+        t = values.ravel() * self.duration
+        index = np.searchsorted(self.starts[1:-1], t, side="right")
+        result = np.empty((len(t), self.n))
+        for k, (piece, leave) in enumerate(zip(self.pieces, self.leaves, strict=True)):
+            times = np.clip(t[index == k] - self.starts[k], 0.0, leave)
+            result[index == k] = piece.platform(times, order) * self.duration**order
         return result.reshape(*values.shape, self.n)
-
-
-@dataclass(frozen=True, eq=False)
-class ChainedLaw(PlannedLaw):
-    """Laws one after the other, left at instants `leaves` (k,) [s] of their own time, on a `ChainedPath`."""
-
-    laws: tuple[PlannedLaw, ...]
-    leaves: tuple[float, ...]
-
-    kind: ClassVar[str] = "chain"
-
-    @property
-    def starts(self) -> Array:
-        """The instants (k + 1,) [s] at which the laws begin, and the end."""
-        return np.concatenate([[0.0], np.cumsum(self.leaves)])
-
-    @property
-    def duration(self) -> float:  # type: ignore[override]
-        """The duration of the chain [s]."""
-        return float(self.starts[-1])
-
-    @property
-    def coefficients(self) -> Array:  # type: ignore[override]
-        """The coefficients of all laws."""
-        return np.concatenate([law.coefficients for law in self.laws])
-
-    @property
-    def degree(self) -> int:
-        """The largest degree of the laws."""
-        return max(law.degree for law in self.laws)
-
-    @property
-    def s_ends(self) -> Array:
-        """The s (k,) of each law where it is left."""
-        return np.array([float(law(leave)) for law, leave in zip(self.laws, self.leaves, strict=True)])
-
-    @property
-    def s_scales(self) -> Array:
-        """The chain's s for one of each law (k,)."""
-        return 1.0 / (len(self.laws) * self.s_ends)
-
-    @property
-    def edges(self) -> Array:
-        """Panel edges (m,) [s] of all laws."""
-        starts = self.starts
-        inner = [
-            start + law.edges[(law.edges > 0.0) & (law.edges < leave)]
-            for law, start, leave in zip(self.laws, starts, self.leaves, strict=False)
-        ]
-        return np.unique(np.concatenate([starts, *inner]))
-
-    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate s(t) or its derivative [1/s^order], with the shape of t."""
-        return self.derivatives(t, order + 1)[order]
-
-    def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        """Compute s and its derivatives of orders below `count`; at a join, of the law behind it."""
-        normalise_time(t, self.duration)  # refuses t outside [0, duration]
-        times = np.asarray(t, dtype=float)
-        flat = np.clip(times.ravel(), 0.0, self.duration)
-        starts, edges = self.starts, np.linspace(0.0, 1.0, len(self.laws) + 1)
-        index = np.searchsorted(starts[1:-1], flat, side="right")
-        result = np.empty((count, len(flat)))
-        for k, (law, scale) in enumerate(zip(self.laws, self.s_scales, strict=True)):
-            chosen = index == k
-            values = law.derivatives(np.clip(flat[chosen] - starts[k], 0.0, self.leaves[k]), count)
-            result[:, chosen] = scale * np.array(values)
-            # on the law's own part of the path, whatever rounding says
-            last = np.inf if k == len(self.laws) - 1 else np.nextafter(edges[k + 1], 0.0)
-            result[0, chosen] = np.clip(edges[k] + result[0, chosen], edges[k] if k else -np.inf, last)
-        return list(result.reshape(count, *times.shape))
-
-    def least_speed_ratio(self, smoothness: int, ends: Ends = REST) -> float:
-        """Return the least ratio of the laws, each with its own ends; not used for a chain."""
-        return min(law.least_speed_ratio(smoothness, ends) for law in self.laws)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry `law` of plan.json."""
-        return {"kind": self.kind, "leaves": list(self.leaves), "laws": [law.to_dict() for law in self.laws]}
 
 
 def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array]) -> tuple[float, ...]:
@@ -328,9 +254,11 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
 
     Motor angles and speeds, platform, torques and deflections are compared, over the largest of the plan.
     """
-    if following.robot is not plan.robot and following.robot.name != plan.robot.name:
-        raise InvalidInput(f"plans: of {plan.robot.name} and of {following.robot.name}")
-    robot = plan.robot
+    robot, other = plan.robot, following.robot
+    if other is not robot and (other.name, other.flexibility) != (robot.name, robot.flexibility):
+        raise InvalidInput(
+            f"plans: of {robot.name}, {robot.flexibility}, and of {other.name}, {other.flexibility}"
+        )
     samples = np.linspace(0.0, plan.duration, 201)
     compared = [
         ("motor angle", CrossingPlan.motor_angle, 0),
@@ -348,63 +276,50 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
             )
 
 
-def _join(pieces: Sequence[InverseDynamics], law: ChainedLaw, path: Path, size: Array) -> InverseDynamics:
-    """Join the torques and motions of pieces, each up to the instant at which its law is left.
+def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
+    """Join the torques and motions of the pieces of a path, each up to the instant at which it is left.
 
     Args:
-        size: dry friction (n_a,) of the motors [N m, N], motor side.
+        friction: dry, of the motors (n_a,) [N m, N], motor side.
     """
-    first = pieces[0]
-    windows = list(zip(pieces, law.starts, law.leaves, strict=False))
+    first = path.pieces[0]
 
     def join(functions: Sequence[TimeFunction]) -> TimeFunction:
-        """Join a function of time of all pieces, each up to where it is left."""
-        cut = [_cut(function, leave) for function, leave in zip(functions, law.leaves, strict=True)]
+        """Join a function of time of all pieces."""
+        cut = [_cut(function, leave) for function, leave in zip(functions, path.leaves, strict=True)]
         size = max(function.coefficients.shape[1] for function in cut)
-        edges = [start + function.edges[:-1] for function, start in zip(cut, law.starts, strict=False)]
+        edges = [start + function.edges[:-1] for function, start in zip(cut, path.starts, strict=False)]
         padded = [
             np.pad(function.coefficients, ((0, 0), (0, size - function.coefficients.shape[1]), (0, 0)))
             for function in cut
         ]
-        return TimeFunction(np.concatenate([*edges, [law.duration]]), np.concatenate(padded))
+        return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(padded))
 
-    motor_angles = join([piece.motor_angles for piece in pieces])
-    certificates = [piece.certificate for piece in pieces]
-    largest = {
-        name: max(getattr(certificate, name) for certificate in certificates)
-        for name in (
-            "tail",
-            "change",
-            "max_closure_error",
-            "max_residual_torque",
-            "max_held_torque",
-            "rounded_gap",
-        )
-    }
-    certificate = Certificate(
-        nodes=sum(certificate.nodes for certificate in certificates),
-        passes=sum(certificate.passes for certificate in certificates),
-        end_speed=max(certificates[0].end_speed, certificates[-1].end_speed),
-        monotone=all(certificate.monotone for certificate in certificates),
-        **largest,
-    )
+    crossings = []
+    for piece, start, leave in zip(path.pieces, path.starts.tolist(), path.leaves, strict=False):
+        for crossing in piece.crossings:
+            if crossing.time < leave:
+                time = start + crossing.time
+                crossings.append(replace(crossing, time=time, s=time / path.duration))
+    motor_angles = join([piece.motor_angles for piece in path.pieces])
+    certificates = [asdict(piece.certificate) for piece in path.pieces]
+    worst = {name: max(each[name] for each in certificates) for name in certificates[0]}
+    totals = {name: sum(each[name] for each in certificates) for name in ("nodes", "passes")}
+    monotone = all(each["monotone"] for each in certificates)
+    speeds = np.abs(motor_angles(np.linspace(0.0, path.duration, END_SAMPLES), 1)).max(axis=1)
+    end_speed = float(speeds[[0, -1]].max() / speeds.max())
     return replace(
         first,
         path=path,
         law=law,
-        torques=join([piece.torques for piece in pieces]),
+        torques=join([piece.torques for piece in path.pieces]),
         motor_angles=motor_angles,
-        deflections=join([piece.deflections for piece in pieces]),
-        deflection_rates=tuple(join([piece.deflection_rates[k] for piece in pieces]) for k in range(2)),
-        offsets=join([_offsets_from(first.origin, piece) for piece in pieces]),
-        crossings=tuple(
-            replace(crossing, time=start + crossing.time, s=float(law(start + crossing.time)))
-            for piece, start, leave in windows
-            for crossing in piece.crossings
-            if crossing.time < leave
-        ),
-        certificate=certificate,
-        friction=PlannedFriction.from_speed(size, partial(motor_angles, order=1), law.duration),
+        deflections=join([piece.deflections for piece in path.pieces]),
+        deflection_rates=tuple(join([piece.deflection_rates[k] for piece in path.pieces]) for k in range(2)),
+        offsets=join([_offsets_from(first.origin, piece) for piece in path.pieces]),
+        crossings=tuple(crossings),
+        certificate=Certificate(**{**worst, **totals, "monotone": monotone, "end_speed": end_speed}),
+        friction=PlannedFriction.from_speed(friction, partial(motor_angles, order=1), path.duration),
     )
 
 

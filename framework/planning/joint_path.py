@@ -14,7 +14,7 @@ from itertools import combinations, islice, product
 
 import numpy as np
 
-from framework.errors import FrameworkError, InvalidInput, NoAnswer, check_choice
+from framework.errors import FrameworkError, InvalidInput, NoLaw, check_choice
 from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at
@@ -86,7 +86,7 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
     one with the largest least singular value of [selected joints; loops] along the line is taken.
 
     Raises:
-        NoAnswer: no line in a set of joints leads from one pose to the other.
+        NoLaw: no line in a set of joints leads from one pose to the other.
     """
     names = passive_joints(robot)
     ends = np.stack([start, goal])
@@ -116,7 +116,7 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
             if best is None or least > best[0]:
                 best = least, JointPath(sets[k], line)
     if best is None:
-        raise NoAnswer(
+        raise NoLaw(
             f"{robot.name}: of {tracked} lines in joints without motors none leads from one pose to the other"
         )
     return best[1]

@@ -23,6 +23,11 @@ On the path, springs at rest:
         singularity.piecewise_measure.resolve_panels
         singularity.points_on_path.search_path
 
+In joints, into another working mode:
+
+    NoLaw: no line in joints without motors leads from one pose to the other
+        planning.joint_path.choose_joint_path
+
 At a singular point:
 
     UncontrolledMotions: uncontrolled motions that cannot be told apart

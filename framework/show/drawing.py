@@ -337,6 +337,19 @@ def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, label: str, *, 
     ax.annotate("", tuple(tip), tuple(tail), arrowprops=head | line, zorder=7)
     ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # the limits of the axes ignore annotations
     ax.plot([], [], label=label, **line)
+    if label.startswith("$"):  # a symbol, which stands at the tip too
+        beyond = arrow / np.linalg.norm(arrow) * 6  # [points]
+        ax.annotate(
+            label,
+            tuple(tip),
+            tuple(beyond),
+            textcoords="offset points",
+            color=color,
+            ha="center",
+            va="center",
+            fontsize=7,
+            zorder=8,
+        )
 
 
 def _draw_force_polygons(film: Film, ax: Axes, path: Array, limit: Array, frame: int | None) -> None:

@@ -175,12 +175,14 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
         torques = np.clip(film.torque, -9 * largest, 9 * largest)  # far off the scale, but finite
         torques[film.time > _end_time(film)] = np.nan
         for k, torque in enumerate(torques.T):
-            ax.plot(film.time, torque, **line_style(k))
+            ax.plot(film.time, torque, label=film.robot.actuator_names[k].replace("_", " "), **line_style(k))
         for instant in film.instants:
             ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
         ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")
         marks.append(_time_mark(film, ax))
     below[0].set_ylabel(f"motor torque  [{films[0].robot.torque_units[0]}]")
+    if films[0].robot.n_a <= 3:
+        below[0].legend(loc="lower left", fontsize=6)
     return _Scene(drawing, list(robots), marks)
 
 

@@ -131,7 +131,7 @@ def test_rows_and_their_metadata_are_written_together_or_not_at_all(foreign, tmp
         (
             ("five_bar", "--to", "mjcf", "--scene", "C"),
             2,
-            "--scene: of ros2_control, csv, lesson only, not of mjcf",
+            "--scene: of ros2_control, csv, lesson, controller only, not of mjcf",
         ),
     ],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from framework.numerics.ordered_sums import dot, matmul, matvec, solve
+from framework.numerics.ordered_sums import are_regular, dot, matmul, matvec, solve
 
 SIZES = (1, 2, 3, 5, 8, 13, 24)
 WITNESS = {
@@ -58,3 +58,15 @@ def test_a_singular_system_is_infinite_and_its_neighbours_are_solved():
     assert np.all(np.isinf(found[1]))
     np.testing.assert_array_equal(found[:1], alone)
     assert np.all(np.isfinite(found[2:]))
+
+
+@pytest.mark.parametrize("shape", [(3, 5), (5, 3), (4, 4)])
+def test_matrices_are_regular_down_to_the_level(shape):
+    generator = np.random.default_rng(4)
+    U, _, V_rows = np.linalg.svd(generator.standard_normal((5, *shape)), full_matrices=False)
+    least = np.array([1e-2, 2e-7, 5e-8, 1e-5, 0.0])
+    values = np.ones((5, min(shape)))
+    values[:, -1] = least
+    matrices = (U * values[:, None]) @ V_rows
+    np.testing.assert_array_equal(are_regular(matrices, 1e-7), least >= 1e-7)
+    assert are_regular(matrices[:1], 1e-7).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, chain_plans, plan_crossing, simulate
+from framework import Arc, InvalidInput, Line, chain_plans, inverse_dynamics, plan_crossing, simulate
 from framework.control import reference_of
 from framework.files.trajectory_file import joint_trajectory
 from tests.oracles.equations_of_motion import defects_of
@@ -57,6 +57,16 @@ def test_a_chain_answers_as_its_plans_do():
     assert len(joint_trajectory(chain)["points"]) == 501
     reference = reference_of(chain, period=1e-2)
     np.testing.assert_allclose(reference.motion.v[50], plan.velocity(0.5), atol=1e-8)
+
+
+def test_the_path_of_a_chain_is_one_motion_to_inverse_dynamics():
+    """Computed anew along the chain's path, without the plans: other nodes, and no seam."""
+    plan = plan_crossing(five_bar(), PATH, duration=1.5, end_speed=0.4)
+    chain = chain_plans([plan, plan.restart(1.3, [0.05, 0.35], duration=2.0)], [1.3])
+    anew = inverse_dynamics(chain.robot, chain.path, chain.law)
+    t = np.linspace(0.0, chain.duration, 101)
+    np.testing.assert_allclose(chain.torque(t), anew.torque(t), atol=1e-11)
+    assert len(anew.crossings) == 2
 
 
 def test_a_chain_of_balls_keeps_its_angles():

@@ -70,6 +70,24 @@ def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_reque
     check_dominance(rigid_crossing(k), LONGEST[2:] if k == CHEAPEST else LONGEST)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [CHEAPEST, 3])
+def test_no_law_between_moving_ends_is_beaten(k):
+    """Nor does a bound of the request with the same ends exceed a law."""
+    one = rigid_crossing(k)
+    unit = 1.0 / one.duration
+    ends = ((0.6 * unit, 0.5 * unit**2), (0.3 * unit,))
+    least = answer_of(one, Asked("peak_torque", longest=one.duration, ends=ends))
+    assert least.plan is not None, least.refusal or least.failure
+    asked = requests(one.duration, least.peak, () if k == CHEAPEST else LONGEST[:2])
+    answers = [least, *(answer_of(one, replace(request, ends=ends)) for request in asked)]
+    assert contradictions(answers) == []
+    for law in answers:
+        bound = None if law.plan is None else bound_plan(law.plan)
+        if bound is not None and law.asked.torque_limit is None:
+            assert bound.value <= law.peak * (1.0 + 1e-9)
+
+
 def reversed_path(one: Crossing) -> Crossing:
     """The way back: the same laws, run backwards."""
     path = path_of(one.path.kind, one.path.points[::-1])

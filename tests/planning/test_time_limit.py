@@ -11,7 +11,6 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.cli.console import Progress
-from framework.cli.plan import IMPROVING
 from framework.numerics.interruption import interruptible
 from framework.numerics.time_limit import (
     SearchEnded,
@@ -70,14 +69,15 @@ def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
 
     def interrupt_when_improving(self: Progress, doing: str) -> None:
         shown.append(doing)
-        if doing == IMPROVING:
+        if "best law so far" in doing:
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "start", interrupt_when_improving)
     arguments = ["plan", "standing_quadruped", "--scene", "sway", "--flexibility", "flexible_links"]
     assert main([*arguments, "--law", "optimal"]) == 0
     out, err = capsys.readouterr()
-    assert shown[-2:] == ["planning", IMPROVING]
+    assert shown[-2] == "planning"
+    assert re.fullmatch(r"planning: best law so far peak torque [\d.]+ N m; Ctrl-C ends .*", shown[-1])
     assert re.search(r"the search was ended after \d+\.?\d* s, there may be better laws", out)
     assert "joints in balance to" in out
     assert err == ""
@@ -85,10 +85,10 @@ def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
 
 def interrupt(results: int, interruptions: int) -> None:
     """Search with Ctrl-C: one after each result, the others behind; then ask whether the time is up."""
-    with end_searches_by_ctrl_c(lambda: None), limit_time(None):
+    with end_searches_by_ctrl_c(lambda words: None), limit_time(None):
         for k in range(interruptions):
             if k < results:
-                report_result()
+                report_result("1 s")
             signal.raise_signal(signal.SIGINT)
         check_time()
         raise AssertionError("the search goes on")

@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import NotAssembled
+from framework.errors import FrameworkError, NotAssembled
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at, full_motion
@@ -113,22 +113,22 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
         stuck=_name_stuck_axes(stuck, names),
         stuck_here=_name_stuck_axes(stuck_here, names),
         twist_rank=twist_rank,
-        proposals=_propose_axes(twists, freedoms, names) if twist_rank == freedoms else (),
+        proposals=_propose_axes(robot, twists, freedoms) if twist_rank == freedoms else (),
     )
 
 
-def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
-    """Return up to MAX_LISTED sets of axes, other than `stated`, along which a frame can move.
+def _propose_axes(robot: ParallelRobot, twists: list[Array], freedoms: int) -> tuple[Names, ...]:
+    """Return up to MAX_LISTED sets of axes, other than those of the robot, along which its frame moves.
 
-    The frame can move along a set if at one pose at least it can move independently along all of its axes.
-    Sets with the fewest turns come first. Two turns are coordinates in series, and their order matters. So
-    the reverse order of two `stated` turns counts as another set.
+    The frame can move along a set if at one pose at least it can move independently along all of its axes; at
+    the reference this is tried. Sets with the fewest turns come first. Two turns are coordinates in series,
+    and their order matters. So the reverse order of two turns of the robot counts as another set.
 
     Args:
         twists: (6, f) at each pose, twists of the frame in the f motions that the loops allow.
         freedoms: number of axes in a set.
-        stated: axes of the robot file, which are not sufficient.
     """
+    stated = robot.axis_names
     if not freedoms:
         return ()
     proposals: list[Names] = []
@@ -144,7 +144,19 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
             proposals.append(names)
         elif are_two_turns:
             proposals.append(stated[::-1])
-    return tuple(proposals[:MAX_LISTED])
+    return tuple(islice((names for names in proposals if _describe_the_platform(robot, names)), MAX_LISTED))
+
+
+def _describe_the_platform(robot: ParallelRobot, axes: Names) -> bool:
+    """Return whether the robot can be built with other axes of its platform, along which this moves."""
+    platform = replace(robot.description.platform, axes=axes, joints=())
+    reference = robot.reference_values(robot.reference.q)
+    described = replace(robot.description, platform=platform, reference=reference)
+    try:
+        other = ParallelRobot.from_description(described)
+    except FrameworkError:
+        return False
+    return not _immovable_combinations(other, other.reference.q).shape[1]
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:

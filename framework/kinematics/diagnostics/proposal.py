@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from math import comb
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -39,8 +40,9 @@ from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Options, PartialRobot
+from framework.model.readers.recognise import parse_any
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
-from framework.numerics.arrays import Array, Names
+from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
@@ -60,6 +62,27 @@ class _UndrivenMotions(RobotFileError):
 
 
 def propose(options: Options, partial: PartialRobot) -> PartialRobot:
+    """Complete the description with missing platform, motors and reference; remark on each.
+
+    Options that the remarks and errors advise have been tried on the file.
+
+    Raises:
+        NotAssembled, RobotFileError: as `_propose`.
+    """
+
+    def is_answered(**changes: Any) -> bool:
+        """Return whether the file is completed with changed options."""
+        locked = {**options.locked, **changes.pop("locked", {})}
+        trial = vars(options) | changes | {"locked": locked, "propose": _propose}
+        with suppress(FrameworkError):
+            parse_any(partial.description.file, **trial)
+            return True
+        return False
+
+    return _propose(options, partial._replace(is_answered=is_answered))
+
+
+def _propose(options: Options, partial: PartialRobot) -> PartialRobot:
     """Complete the description with missing platform, motors and reference; remark on each.
 
     Serial joints are those in no loop. Free bases are held. So are serial joints that carry no loop (a wrist
@@ -117,6 +140,8 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
     try:
         return _complete_at_pose(partial, motions_near_reference(partial.description), by_joints=by_joints)
     except SingularReference as singular:
+        if not singular.poses:
+            raise
         beside = motions_near_reference(replace(partial.description, reference=singular.poses[0]))
         beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
         return _complete_at_pose(partial, beside, by_joints=by_joints)
@@ -160,6 +185,7 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     # (nv, k) motions that move neither a mass nor a motor
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)
     holding = _choose_joints_to_hold(motions, idle, partial)
+    holding = _which_help(partial, holding)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     remedies = f"{part}or {remedy}" if part else remedy
     raise RobotFileError(
@@ -182,7 +208,7 @@ def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
     elif partial.chooses_motors and len(actuators) > motions.freedoms:
-        motors = _choose_best_motors(motions, description.motor_joints)
+        motors = _choose_best_motors(motions, partial)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(actuators)} in the file, for {motions.freedoms} freedoms: "
             f"these tell them apart best at the reference)"
@@ -218,7 +244,8 @@ def _advise_on_parts(partial: PartialRobot) -> str:
         carried_ends = {sum(joint in path for path in paths) for paths in loop_paths}  # 0, 1 or 2 of a loop
         carried_motors = sum(joint in path for path in motor_paths)
         has_whole_loops = carried_ends == {0, 2}  # each loop is carried with both ends or not at all
-        if 1 < carried_motors < len(motor_paths) and has_whole_loops:
+        is_part = 1 < carried_motors < len(motor_paths) and has_whole_loops
+        if is_part and partial.is_answered(base=joint.child):
             return f"take a part of the robot (such as --base {joint.child}), "
     return _advise_on_other_loops(partial)
 
@@ -234,6 +261,7 @@ def _advise_on_other_loops(partial: PartialRobot) -> str:
     first_group, *others = groups or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
+    to_lock = _which_help(partial, to_lock)
     if not to_lock:
         return ""
     first_joint = first_group[0]
@@ -257,8 +285,10 @@ def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
     return motions.choose_independent(motions.working, without_repetitions)
 
 
-def _choose_best_motors(motions: LoopMotions, names: Names, *, max_choices: int = 20_000) -> list[str]:
-    """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
+def _choose_best_motors(
+    motions: LoopMotions, partial: PartialRobot, *, max_choices: int = 20_000
+) -> list[str]:
+    """Choose as many of the file's motors as freedoms, with the best conditioned rates.
 
     Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
     pivoting chooses.
@@ -266,6 +296,7 @@ def _choose_best_motors(motions: LoopMotions, names: Names, *, max_choices: int 
     Raises:
         RobotFileError: two choices are equally good.
     """
+    names = partial.description.motor_joints
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > max_choices:
@@ -277,11 +308,17 @@ def _choose_best_motors(motions: LoopMotions, names: Names, *, max_choices: int 
     largest, second_largest = clearances[best_two]
     best, second = ([names[i] for i in choice] for choice in choices[best_two])
     if largest > FILE_ROUNDING and second_largest > (1.0 - ALIKE_CHOICES) * largest:
+        helpful = [choice for choice in (best, second) if partial.is_answered(motors=tuple(choice))]
+        advice = " or ".join(f"--motors {' '.join(choice)}" for choice in helpful) or "--motors"
         raise RobotFileError(
-            f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
-            f"{' '.join(best)} or --motors {' '.join(second)}"
+            f"{len(names)} motors for {count} freedoms, and none are better than others: give {advice}"
         )
     return best
+
+
+def _which_help(partial: PartialRobot, joints: list[str]) -> list[str]:
+    """Return the joints if the file is completed with them locked, else none."""
+    return joints if joints and partial.is_answered(locked=dict.fromkeys(joints)) else []
 
 
 def _choose_joints_to_hold(motions: LoopMotions, unwanted: Array, partial: PartialRobot) -> list[str]:
@@ -321,10 +358,9 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
 
     to_hold = _choose_joints_to_hold(motions, undriven, partial)
-    advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; {advice} more motors"
+        f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; name more motors"
     )
     if not to_hold:
         raise RobotFileError(message)
@@ -338,7 +374,9 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
             "other motors"
         )
         raise _UndrivenMotions(message, motions, to_hold, why)
-    raise RobotFileError(message)
+    helpful = _which_help(partial, to_hold)
+    advice = f", or hold joints (such as --lock {' '.join(helpful)})" if helpful else ""
+    raise RobotFileError(f"{message}{advice}")
 
 
 # ------------------------------------------------------------------ the platform

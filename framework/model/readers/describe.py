@@ -56,6 +56,8 @@ class PartialRobot(NamedTuple):
     platform: Platform | None = None  # that the file states
     chooses_motors: bool = False  # whether to choose among motors where the file has too many
     remarks: tuple[str, ...] = ()
+    # whether the file is completed with some fields of Options changed; advice is given only where it is
+    is_answered: Callable[..., bool] = lambda **_: False
 
     def with_platform(self, platform: Platform, *remarks: str) -> PartialRobot:
         """Return the content with a platform in its description, and further remarks."""

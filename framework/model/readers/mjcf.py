@@ -320,11 +320,13 @@ class _Model:
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
         children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
-        if len(second) > MAX_TERMS and polynomial[2:].any():
-            problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} are read"
+        products = {}
+        if polynomial[2:].any() and len(second) <= MAX_TERMS:
+            products = {product: -value for product, value in _powers(second, polynomial.tolist()).items()}
+        if polynomial[2:].any() and (len(second) > MAX_TERMS or len(products) > MAX_TERMS):
+            problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} products are read"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
             return
-        products = {product: -value for product, value in _powers(second, polynomial.tolist()).items()}
         links = children[0], children[-1]
         if (arms or offset or products) and not tree.equate(name, arms, offset, links, products=products):
             coupled = dict.fromkeys([*arms, *(joint for product in products for joint in product)])

@@ -454,7 +454,12 @@ def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
         RobotFileError: a closure cannot express joints of this type.
     """
     if (kind := joint.element.get("type")) in (*_UNREAD_TYPES, "screw"):
-        raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
+        instead = {
+            "screw": "a revolute and a prismatic joint in series, one with <mimic> of the other",
+            "gearbox": "<mimic> of one of its joints",
+        }
+        same = f"; {instead[kind]}, say the same" if kind in instead else ""
+        raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop{same}")
     # of each end: suffix of the name of its frame, link, and placement (4, 4) in the link
     ends = zip(("1", "2"), joint.links, joint.placements, strict=True)
     axes = [motion.axis for motion in joint.motions if motion.axis is not None]  # none if fixed or a ball

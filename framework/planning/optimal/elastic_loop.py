@@ -101,6 +101,7 @@ def find_elastic_motion(task: Task, points: Sequence[SingularPoint]) -> OptimalM
         task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         accuracy, weights = LOOSE_OF_INERTIA, Weights(SMOOTHNESS_OF_INERTIA)
     search, iterate = _find_start(task, points, accuracy)
+    _report(search, iterate, weights)
     if accuracy is LOOSE_OF_INERTIA:  # continuation in smoothness: sharp laws shake springs at the ends
         smoother = weights._replace(smoothness=CONTINUATION * weights.smoothness)
         iterate = _improve(search, iterate, smoother, MAX_STEPS[0], FIRST_GAIN)
@@ -209,8 +210,6 @@ def _improve(
             if trust < MIN_TRUST:
                 break
             best_merit = best.costs.merit(weights)
-            if best.costs.keeps_limits(weights):
-                report_result()
             proposal = program.propose(current, weights, trust, _equalities(search, current))
             if proposal is None:
                 current, watched, failed, trust = best, 0, trust, 0.4 * trust
@@ -235,6 +234,7 @@ def _improve(
                 gains.append(gain)
                 best = current = trial
                 watched = 0
+                _report(search, best, weights)
                 if gain > 0.7 * promise:
                     trust = min(2.5 * trust, max(trust, 0.7 * failed), MAX_TRUST)
             elif (
@@ -249,6 +249,17 @@ def _improve(
         if not best.costs.keeps_limits(weights):
             raise
     return best
+
+
+def _report(search: _Search, iterate: Iterate, weights: Weights) -> None:
+    """Report the cost of a law within the limits, such as `0.231 s`; the search may end with the law."""
+    if not iterate.costs.keeps_limits(weights):
+        return
+    peaks = np.abs(iterate.motors.torque).max(axis=0)  # (n_a,)
+    unit = search.task.robot.torque_units[int(peaks.argmax())]
+    cost = iterate.costs.goal
+    words = {"time": f"{cost:.4g} s", "energy": f"energy {cost:.4g} s"}
+    report_result(words.get(search.task.specification.goal, f"peak torque {peaks.max():.4g} {unit}"))
 
 
 def _equalities(search: _Search, iterate: Iterate) -> Affine:

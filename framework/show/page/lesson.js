@@ -305,6 +305,12 @@ function drawRobot() {
   for (const way of [-1, 1]) stroke([tip(-way), tip(way), tip(way, 0.15, 0.1), tip(way), tip(way, 0.15, -0.1)], "var(--ink)", 0.9, { opacity: near });
   const [x, y] = tip(1, -0.05, 0.2);
   draw("text", { x, y: -y, transform: "scale(1,-1)", "font-size": 5.5 * width, opacity: near, "font-weight": 600, fill: "var(--ink)" }).textContent = "tₛ";
+  if (state.gravity === "on") { // down the page
+    const head = [view.low[0], view.high[1]], foot = [head[0], head[1] - 0.16 * size], wing = 0.025 * size;
+    stroke([head, foot, [foot[0] - wing, foot[1] + wing], foot, [foot[0] + wing, foot[1] + wing]], "var(--soft)", 1.1);
+    const beside = { x: foot[0] + 2 * wing, y: -foot[1], transform: "scale(1,-1)", "font-size": 5.5 * width, fill: "var(--soft)" };
+    draw("text", beside).textContent = "gravity";
+  }
   const at = [0, 1].map((k) => place[k] + shift[k]), isPushed = Math.hypot(...state.push) > 0;
   if (isPushed) stroke([at, [0, 1].map((k) => place[k] + state.push[k])], "var(--wrench)", 1.4);
   knob.setAttribute("cx", at[0]);

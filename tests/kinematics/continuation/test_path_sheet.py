@@ -13,6 +13,7 @@ import robots
 from framework import Line, assemble
 from framework.kinematics.continuation import path_sheet
 from framework.kinematics.continuation.path_sheet import BranchPoses, follow_panels, with_tangents
+from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import linearised_at
 
@@ -63,3 +64,17 @@ def test_the_panel_of_one_mode_counts(distance):
     assert isinstance(panel, BranchPoses)
     (only,) = follow_panels(ROBOT, path, pose)
     np.testing.assert_allclose(only.q, panel.q, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "delta", "gough_stewart"])
+@pytest.mark.parametrize("distance", [0.0, 4e-7])  # within what is rounding of a file
+def test_a_path_that_starts_beside_the_reference_starts_at_its_own_pose(name, distance):
+    robot = robots.load(name)
+    start = robot.reference.x + distance
+    path = Line(start, start + 0.02)
+    branch = track_path(robot, path)
+    (panel,) = branch.panels
+    pose = close_loops(robot, path(np.zeros(1)), robot.reference.q[None])
+    np.testing.assert_allclose(branch.origin, pose.q[0], rtol=0, atol=1e-13)
+    assert np.abs(panel.linearised.residual).max() < 1e-13 * max(robot.length, 1.0)
+    np.testing.assert_array_equal(panel.s[[0, -1]], [0.0, 1.0])

@@ -23,13 +23,17 @@ GOALS = ("time", "peak_torque", "energy")
 
 @dataclass(frozen=True)
 class Asked:
-    """What an optimal law is asked for; limits [N m] of every motor or of each, durations [s]."""
+    """What an optimal law is asked for; limits [N m] of every motor or of each, durations [s].
+
+    ends: s', s" at start and goal; laws are compared at the same ends alone.
+    """
 
     goal: str
     duration: float | None = None
     longest: float | None = None
     torque_limit: float | tuple[float, ...] | None = None
     label: str = ""
+    ends: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
 
     def options(self) -> dict[str, Any]:
         """The options of `plan_crossing`."""
@@ -38,6 +42,9 @@ class Asked:
         if self.torque_limit is not None:
             limit = self.torque_limit
             options["torque_limit"] = list(limit) if isinstance(limit, tuple) else limit
+        for name, derivatives in zip(("start_speed", "end_speed"), self.ends, strict=True):
+            if derivatives:
+                options[name] = derivatives
         return {"law": "optimal", "optimize": self.goal, **options}
 
     def __str__(self) -> str:
@@ -74,7 +81,7 @@ class Answer:
 
     def keeps(self, asked: Asked) -> bool:
         """Whether the law is within the constraints of a request."""
-        if self.plan is None:
+        if self.plan is None or self.asked.ends != asked.ends:
             return False
         if asked.duration is not None and abs(self.duration / asked.duration - 1.0) > ROUNDING:
             return False
@@ -129,6 +136,10 @@ def faults(one: Answer) -> list[str]:
     found = []
     if not one.keeps(one.asked):
         found.append(f"its own law takes {one.duration:.9g} s, peaks {one.peaks} N m")
+    at_ends = [[one.plan.law(t, order) for order in (1, 2)] for t in (0.0, one.plan.duration)]
+    stated = [[*end, 0.0, 0.0][:2] for end in one.asked.ends]
+    if not np.allclose(at_ends, stated, rtol=ROUNDING, atol=ROUNDING / one.plan.duration**2):
+        found.append(f"s' and s\" are {at_ends} at its ends")
     if not one.plan.certificate.monotone:
         found.append("not monotone")
     defect = defects_of(one.plan)

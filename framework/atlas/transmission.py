@@ -1,0 +1,248 @@
+"""A linkage as a transmission: what a controller of a serial tree has to know of it.
+
+The joints x of the platform are those of a tree, such as an ankle's pitch and roll. Motors behind the linkage
+move at G dx, G = d(motor angles)/dx. With N = dq/dx of all joints, what they feel splits into
+
+    inertia M(x) = N' M_carried N + N' M_links N + G' I G        carried body; cranks and rods; rotors I.
+
+Controllers of legs often map torques statically, tau_joint = G' tau_motor, and expect of the tree only its
+carried body. The rest of the motors' torque is the error of that mapping,
+
+    e = G' tau_motor - N' (inverse dynamics of the carried body, with damping of the platform's joints),
+
+of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + G' dx) with the
+posture's own G nearly all: what is left are the cranks and rods. Dry friction and backlash of the motors'
+joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.dynamics.forces import mass_matrices
+from framework.dynamics.platform_wrench import PlatformLimits, platform_limits
+from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework.errors import FrameworkError, InvalidInput, NoAnswer, NotAssembled, finite_numbers
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.motion_rates import motor_speeds
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.platform import JointPlatform
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+
+FREQUENCIES = (1.0, 2.0, 4.0, 8.0)  # [Hz] of sines
+AMPLITUDE = 0.2  # [rad, robot lengths] of sines
+INSTANTS = 40  # of one period
+POINTS = {1: 81, 2: 25}  # of the grid along each axis, by the number of axes
+FEW_POINTS = 7  # with more axes
+
+
+class MappingError(NamedTuple):
+    """Largest errors of tau_joint = G' tau_motor in a sine along one axis, each (n,) [N m, N]."""
+
+    axis: str
+    frequency: float  # [Hz]
+    mapped: Array  # largest G' tau_motor
+    carried: Array  # largest torque that the carried body needs
+    nothing_known: Array
+    constant_armature: Array
+    own_armature: Array  # armature of each posture
+
+
+@dataclass(frozen=True, eq=False)
+class LinkageTransmission(ReadOnlyArrays):
+    """A linkage as a transmission at P poses, platform's side, per unit rates of its coordinates."""
+
+    robot: ParallelRobot
+    x: Array  # (P, n) [rad, m]
+    gear: Array  # (P, n_a, n) G, motor side
+    inertia: Array  # (P, n, n) [kg m^2, kg] of all
+    carried: Array  # (P, n, n) of the carried body
+    links: Array  # (P, n, n) of cranks and rods, and armature
+    rotors: Array  # (P, n, n)
+    friction: Array  # (P, n) [N m, N] dry friction of motors' joints, in any direction
+    backlash: Array  # (P, n) [rad, m] of the platform by backlash 1 of each motor's joint
+    limits: tuple[PlatformLimits, ...]  # (P,)
+    posture: Array  # (n,)
+    armature: Array  # (n, n) G' I G at the posture
+    errors: tuple[MappingError, ...]
+    unreached: int  # poses of the grid that are not assembled or singular
+
+    def axis_limits(self, kind: str) -> Array | None:
+        """Return least and largest (P, 2, n) `wrenches` or `speeds` along each axis; None without limits."""
+        polytopes = [getattr(limit, kind) for limit in self.limits]
+        if any(one is None for one in polytopes):
+            return None
+        ends = [(one.vertices.min(axis=0), one.vertices.max(axis=0)) for one in polytopes if one]
+        return np.array(ends)
+
+
+def transmission(
+    robot: ParallelRobot,
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    posture: ArrayLike | None = None,
+    frequencies: Sequence[float] = FREQUENCIES,
+    points: int | None = None,
+) -> LinkageTransmission:
+    """Compute the linkage as a transmission over a box of platform coordinates.
+
+    Args:
+        robot: rigid, with as many motors as platform coordinates.
+        lower, upper: ends (n,) of the ranges; by default the limits of the platform's joints.
+        posture: x (n,) of constant armature and of sines; by default the reference.
+        frequencies: [Hz] of sines of AMPLITUDE.
+        points: poses along each axis; by default 81 of one axis, 25 of two, else 7.
+
+    Raises:
+        InvalidInput: a robot with springs or redundant motors; no ranges; wrong numbers.
+        NoAnswer: no pose of the ranges is assembled and regular.
+        NotAssembled: the posture, or a sine about it, is out of reach.
+    """
+    expect_robot(robot)
+    if robot.n_e or robot.n_a != robot.n:
+        raise InvalidInput(
+            f"transmission: of rigid robots with as many motors as platform axes; {robot.name} has "
+            f"{robot.n_e} springs, {robot.n_a} motors and {robot.n} axes"
+        )
+    ends = _range_ends(robot, lower, upper)
+    x0 = robot.reference.x if posture is None else finite_numbers("posture", posture, robot.n)
+    count = points or POINTS.get(robot.n, FEW_POINTS)
+    if count < 2:
+        raise InvalidInput(f"points: needs at least 2 along each axis, got {points!r}")
+    grid = np.array(list(product(*(np.linspace(low, high, count) for low, high in zip(*ends, strict=True)))))
+    poses: list[Array] = []
+    configurations: list[Array] = []
+    limits: list[PlatformLimits] = []
+    for x in grid:
+        try:
+            q = assemble(robot, x).q
+            limits.append(platform_limits(robot, q))
+            dynamics_at(robot, q)
+        except FrameworkError:
+            del limits[len(poses) :]
+            continue
+        poses.append(x)
+        configurations.append(q)
+    if not poses:
+        raise NoAnswer(f"{robot.name}: no pose in these ranges is assembled and regular")
+
+    q = np.array(configurations)  # (P, nq)
+    G, N = _rates(robot, q)
+    transposed = N.swapaxes(1, 2)
+    carried = transposed @ mass_matrices(_with_bodies(robot, carried=True), q) @ N
+    links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
+    motors = G / robot.gear_ratio[:, None]  # dq_a/dx
+    G0, _ = _rates(robot, assemble(robot, x0).q[None])
+    return LinkageTransmission(
+        robot=robot,
+        x=np.array(poses),
+        gear=G,
+        inertia=_coordinate_inertia(robot, q, np.array(poses)),
+        carried=carried,
+        links=links,
+        rotors=_rotor_inertia(robot, G),
+        friction=np.abs(motors).swapaxes(1, 2) @ robot.joint_friction[robot.actuated],
+        backlash=np.abs(np.linalg.inv(motors)).sum(axis=2),
+        limits=tuple(limits),
+        posture=x0,
+        armature=_rotor_inertia(robot, G0)[0],
+        errors=tuple(
+            _mapping_error(robot, x0, axis, frequency) for axis in range(robot.n) for frequency in frequencies
+        ),
+        unreached=len(grid) - len(poses),
+    )
+
+
+def _range_ends(
+    robot: ParallelRobot, lower: ArrayLike | None, upper: ArrayLike | None
+) -> tuple[Array, Array]:
+    """Return the ends (n,) of the ranges, by default the limits of the platform's joints."""
+    if lower is not None and upper is not None:
+        low, high = finite_numbers("lower", lower, robot.n), finite_numbers("upper", upper, robot.n)
+        if not (low < high).all():
+            raise InvalidInput(f"lower, upper: need lower < upper, got {low.tolist()} and {high.tolist()}")
+        return low, high
+    if lower is not None or upper is not None:
+        raise InvalidInput("lower, upper: give both or neither")
+    by_column = {limit.coordinate: limit for limit in robot.limits}
+    columns = robot.platform.columns if isinstance(robot.platform, JointPlatform) else ()
+    limited = [by_column.get(int(column)) for column in columns]
+    if not limited or any(limit is None for limit in limited):
+        raise InvalidInput(f"{robot.name}: the platform's coordinates have no limits; give lower and upper")
+    low, high = (np.array([getattr(limit, end) for limit in limited]) for end in ("lower", "upper"))
+    return low, high
+
+
+def _rates(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
+    """Compute G (P, n_a, n) and N (P, nv, n), motor angles and joints per unit rates of x."""
+    linearised = assembled_at(robot, q, stacks=True).linearised
+    G, N = motor_speeds(robot, linearised)
+    E = robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
+    return G @ E, N @ E
+
+
+def _rotor_inertia(robot: ParallelRobot, G: Array) -> Array:
+    """Compute G' I G (P, n, n)."""
+    return G.swapaxes(1, 2) @ (robot.rotor_inertia[:, None] * G)
+
+
+def _coordinate_inertia(robot: ParallelRobot, q: Array, x: Array) -> Array:
+    """Compute the inertia (P, n, n) per unit accelerations of x, from `dynamics_at`."""
+    E = robot.platform.rate_matrix(x)
+    return E.swapaxes(1, 2) @ dynamics_at(robot, q).platform_inertia @ E
+
+
+def _with_bodies(robot: ParallelRobot, *, carried: bool) -> ParallelRobot:
+    """Return the robot whose only bodies with mass are the carried one, or all others."""
+    model = robot.model.copy()
+    body = model.frames[robot.frames[0]].parentJoint
+    for joint in range(1, model.njoints):
+        if (joint == body) != carried:
+            model.inertias[joint] = pin.Inertia.Zero()
+    if carried:
+        model.armature = np.zeros(model.nv)
+    return replace(robot, model=model)
+
+
+def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float) -> MappingError:
+    """Compute the errors of the static mapping in one period of a sine about x0 (n,)."""
+    times = np.linspace(0.0, 1.0 / frequency, INSTANTS, endpoint=False)
+    w = 2 * np.pi * frequency
+    step = AMPLITUDE * robot.platform_scale * np.eye(robot.n)[axis]
+    x = x0 + np.outer(np.sin(w * times), step)
+    dx, ddx = np.outer(w * np.cos(w * times), step), np.outer(-(w**2) * np.sin(w * times), step)
+    try:
+        q = np.array([assemble(robot, one).q for one in x])
+    except FrameworkError as failure:
+        raise NotAssembled(
+            f"{robot.name}: a sine of {AMPLITUDE} along {robot.axis_names[axis]} about the posture is out of "
+            f"reach: give another posture ({failure})",
+            q=robot.q_near,
+            residual=0.0,
+        ) from None
+    instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
+    G, N = _rates(robot, q)
+    mapped = np.einsum("tan,ta->tn", G, instant.torque)
+    model = _with_bodies(robot, carried=True).model
+    data = model.createData()
+    rows = zip(q, instant.v, instant.a, strict=True)
+    needed = np.array([pin.rnea(model, data, *row) for row in rows])  # (T, nv)
+    if isinstance(robot.platform, JointPlatform):
+        columns = robot.platform.columns
+        needed[:, columns] += robot.joint_damping[columns] * instant.v[:, columns]
+    carried = np.einsum("tvn,tv->tn", N, needed)
+    error = mapped - carried
+    rotor_torque = robot.rotor_inertia * robot.gear_ratio * instant.a[:, robot.actuated]  # motor side
+    own = np.einsum("tan,ta->tn", G, rotor_torque)
+    G0, _ = _rates(robot, assemble(robot, x0).q[None])
+    constant = ddx @ _rotor_inertia(robot, G0)[0]
+    largest = [np.abs(one).max(axis=0) for one in (mapped, carried, error, error - constant, error - own)]
+    return MappingError(robot.axis_names[axis], frequency, *largest)

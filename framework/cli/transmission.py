@@ -1,0 +1,145 @@
+"""`crossing transmission`: a linkage as a transmission, in numbers and three pictures."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+import numpy as np
+
+from framework.atlas.transmission import FREQUENCIES, LinkageTransmission, MappingError, transmission
+from framework.cli import arguments
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import Report, add_number, add_out, add_robot, integer_between
+from framework.numerics.output import Document, json_text
+
+FILE = "transmission.json"
+PARTS = ("carried", "links", "rotors", "inertia")
+FIGURES = ("inertia", "limits", "mapping")  # and their ends .pdf and .png
+HEAD = "{robot}: {poses} poses, {unreached} of the ranges not reached or singular; posture {posture}"
+ERROR_HEAD = "  error of tau_joint = G' tau_motor in a sine of 0.2 about the posture, on its own axis"
+
+
+def add_transmission_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing transmission`."""
+    add_robot(parser)
+    group = parser.topic("where")
+    for flag, text in (
+        ("--lower", "least platform coordinates (default: limits of the platform's joints)"),
+        ("--upper", "largest platform coordinates"),
+        ("--posture", "of the constant armature and the sines (default: the reference)"),
+    ):
+        add_number(group, flag, "X", f"{text} [rad, m]", nargs="+")
+    add_number(group, "--frequencies", "F", "of the sines [Hz] (default: 1 2 4 8)", nargs="+")
+    group.add_argument(
+        "--points",
+        type=integer_between(2, 1000),
+        metavar="N",
+        help="poses along each axis (default: 81 of one axis, 25 of two, else 7)",
+    )
+    add_out(parser, f"write {FILE} and three pictures there")
+
+
+def run_transmission(options: Namespace) -> Report:
+    """Compute the transmission; with --out write it with pictures."""
+    options.flexibility = "rigid"
+    robot = arguments.load(options)
+    frequencies = options.frequencies or FREQUENCIES
+    options.progress.start("computing")
+    result = transmission(
+        robot,
+        lower=options.lower,
+        upper=options.upper,
+        posture=options.posture,
+        frequencies=frequencies,
+        points=options.points,
+    )
+    document = _make_document(result)
+    names = tuple(f"{name}.{end}" for name in FIGURES for end in ("pdf", "png"))
+    with arguments.written_out(options, FILE, names) as folder:
+        if folder is not None:
+            from framework.show.plots import save_figure
+            from framework.show.transmission_figures import plot_inertia, plot_limits, plot_mapping
+
+            options.progress.start("drawing the figures")
+            (folder / FILE).write_text(json_text(document))
+            for name, draw in zip(FIGURES, (plot_inertia, plot_limits, plot_mapping), strict=True):
+                save_figure(lambda draw=draw: draw(result), folder / name)  # type: ignore[misc]
+    return document, _format(document)
+
+
+def _make_document(result: LinkageTransmission) -> Document:
+    """Return the transmission as a document: ranges over the poses, by axis of the platform."""
+    robot = result.robot
+    torques, speeds = result.axis_limits("wrenches"), result.axis_limits("speeds")
+    axes = {}
+    for k, name in enumerate(robot.axis_names):
+        parts = {
+            part: _range(getattr(result, part)[:, k, k]) for part in ("carried", "links", "rotors", "inertia")
+        }
+        axes[name] = {
+            **parts,
+            "torque": None if torques is None else [_range(torques[:, end, k]) for end in (0, 1)],
+            "speed": None if speeds is None else [_range(speeds[:, end, k]) for end in (0, 1)],
+            "gear": _range(np.linalg.norm(result.gear[:, :, k], axis=1)),
+            "friction": _range(result.friction[:, k]),
+            "backlash_gain": _range(result.backlash[:, k]),
+            "armature": result.armature[k, k],
+        }
+    return {
+        "robot": robot.name,
+        "poses": len(result.x),
+        "unreached": result.unreached,
+        "posture": dict(zip(robot.axis_names, result.posture, strict=True)),
+        "axes": axes,
+        "armature": result.armature,
+        "errors": [_describe_error(error) for error in result.errors],
+    }
+
+
+def _range(values: np.ndarray) -> list[float]:
+    """Return least and largest of values."""
+    return [float(values.min()), float(values.max())]
+
+
+def _describe_error(error: MappingError) -> Document:
+    """Return the errors of a sine by name, each over the platform's axes."""
+    return {key: getattr(error, key) for key in error._fields}
+
+
+AXIS = """\
+  {name}
+    inertia [kg m^2, kg]  carried body {carried}, cranks and rods {links}, rotors {rotors}
+    motors' angles        {gear} per unit of the axis; constant armature at the posture {armature:.4g}
+    torque [N m, N]       least {torque[0]}, largest {torque[1]}
+    speed                 largest {speed[1]}
+    reflected             dry friction {friction}; backlash of 1 at every motor's joint {backlash_gain}"""
+ROW = (
+    "    {axis}\t{frequency:g} Hz\t{nothing_known:.3g}\t{constant_armature:.3g}\t{own_armature:.3g}"
+    "\t{carried:.3g}"
+)
+COLUMNS = "    axis\tsine\tnothing known\tconstant armature\tarmature of the pose\tcarried body needs"
+
+
+def _format(document: Document) -> list[str]:
+    """Return the report in words."""
+    posture = ", ".join(f"{name} {value:.4g}" for name, value in document["posture"].items())
+    lines = [HEAD.format_map(document | {"posture": posture})]
+    for name, axis in document["axes"].items():
+        words = {key: _words(value) for key, value in axis.items() if key != "armature"}
+        lines.append(AXIS.format_map({"name": name, "armature": axis["armature"], **words}))
+    lines += [ERROR_HEAD, COLUMNS]
+    names = list(document["axes"])
+    for error in document["errors"]:
+        own = names.index(error["axis"])
+        values = {key: value[own] for key, value in error.items() if key not in ("axis", "frequency")}
+        lines.append(ROW.format_map(error | values))
+    return lines
+
+
+def _words(value: list[float] | list[list[float]] | None) -> str | list[str]:
+    """Return a range in words, or a list of ranges; `not limited` for None."""
+    if value is None:
+        return ["not limited", "not limited"]
+    if isinstance(value[0], list):
+        return [str(_words(one)) for one in value]
+    return f"{value[0]:.4g} .. {value[1]:.4g}"

@@ -1,0 +1,99 @@
+"""Three pictures of a linkage as a transmission: inertia, limits, and the error of the static mapping."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from framework.atlas.transmission import LinkageTransmission, MappingError
+from framework.numerics.arrays import IntArray
+from framework.show.captions import display_name
+from framework.show.style import legend_above
+
+PARTS = {"carried": "carried body", "links": "cranks and rods", "rotors": "rotors"}
+KNOWN = {
+    "nothing_known": "nothing known",
+    "constant_armature": "constant armature",
+    "own_armature": "armature of the pose",
+}
+SHOWN_POSTURES = 5  # at most, of polygons
+
+
+def _panels(count: int) -> list[Axes]:
+    """Return axes side by side."""
+    drawing = Figure(figsize=(0.5 + 3.2 * count, 3.0), layout="constrained")
+    return list(drawing.subplots(1, count, squeeze=False)[0])
+
+
+def _line(result: LinkageTransmission, axis: int) -> IntArray:
+    """Return the poses (k,) nearest to the line along an axis through the posture, in order."""
+    others = np.delete(np.arange(result.robot.n), axis)
+    off = np.abs(result.x[:, others] - result.posture[others]).sum(axis=1)
+    line = np.flatnonzero(off <= off.min() + 1e-9)
+    return line[np.argsort(result.x[line, axis])]
+
+
+def plot_inertia(result: LinkageTransmission) -> Axes:
+    """Plot the parts of the inertia about each axis, along it through the posture."""
+    panels = _panels(result.robot.n)
+    for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
+        line = _line(result, k)
+        for part, label in PARTS.items():
+            ax.semilogy(result.x[line, k], getattr(result, part)[line, k, k], label=label)
+        ax.set_xlabel(f"{display_name(name)} [{result.robot.axis_units[k]}]")
+        unit = "kg" if result.robot.translations[k] else "kg m²"
+        ax.set_ylabel(f"inertia along {display_name(name)} [{unit}]")
+    legend_above(panels[0])
+    return panels[0]
+
+
+def plot_limits(result: LinkageTransmission) -> Axes:
+    """Plot torques and speeds that the motors allow: polygons of two axes, else curves."""
+    panels = _panels(2)
+    for ax, kind, word in zip(panels, ("wrenches", "speeds"), ("torque", "speed"), strict=True):
+        ends = result.axis_limits(kind)
+        if ends is None:
+            ax.text(0.5, 0.5, f"no limits of {word}", ha="center", transform=ax.transAxes)
+        elif result.robot.n == 2:
+            _draw_polygons(result, ax, kind)
+        else:
+            for k, name in enumerate(result.robot.axis_names):
+                line = _line(result, k)
+                ax.plot(result.x[line, k], ends[line, :, k], label=display_name(name))
+            ax.set_xlabel("along the axis [rad, m]")
+        ax.set_title(word, fontsize=8)
+    return panels[0]
+
+
+def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
+    """Draw the polygons of the posture and of the ends of both axes through it."""
+    lines = [_line(result, k) for k in (0, 1)]
+    posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
+    shown = dict.fromkeys([posture, *(int(line[end]) for line in lines for end in (0, -1))])
+    for pose in list(shown)[:SHOWN_POSTURES]:
+        vertices = getattr(result.limits[pose], kind).vertices
+        middle = vertices - vertices.mean(axis=0)
+        order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
+        corners = vertices[np.append(order, order[0])]
+        place = ", ".join(f"{value:.2g}" for value in result.x[pose])
+        ax.plot(corners[:, 0], corners[:, 1], label=place)
+    names = [display_name(name) for name in result.robot.axis_names]
+    ax.set_xlabel(names[0])
+    ax.set_ylabel(names[1])
+    ax.legend(fontsize=6, title="at", title_fontsize=6)
+
+
+def plot_mapping(result: LinkageTransmission) -> Axes:
+    """Plot the errors of the static mapping over frequency, on the axis of each sine."""
+    panels = _panels(result.robot.n)
+    for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
+        errors: list[MappingError] = [error for error in result.errors if error.axis == name]
+        frequencies = [error.frequency for error in errors]
+        for key, label in KNOWN.items():
+            ax.loglog(frequencies, [getattr(error, key)[k] for error in errors], "o-", label=label, ms=3)
+        ax.loglog(frequencies, [error.carried[k] for error in errors], "k--", label="carried body needs")
+        ax.set_xlabel(f"sine of {display_name(name)} [Hz]")
+        ax.set_ylabel("error of the mapped torque [N m, N]")
+    legend_above(panels[0])
+    return panels[0]

@@ -1,0 +1,93 @@
+"""A linkage as a transmission: the split of its inertia, its limits, and the error of a static mapping."""
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import InvalidInput, assemble
+from framework.atlas.transmission import transmission
+
+CASES = [("humanoid_ankle", [-0.3, -0.2], [0.3, 0.2], [0.0, 0.0]), ("humanoid_knee", [0.5], [1.5], [1.0])]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: case[0])
+def result(request):
+    name, lower, upper, posture = request.param
+    robot = robots.load(name)
+    return transmission(robot, lower=lower, upper=upper, posture=posture, frequencies=[4.0], points=5)
+
+
+def test_the_parts_of_the_inertia_add_up(result):
+    total = result.carried + result.links + result.rotors
+    np.testing.assert_allclose(total, result.inertia, atol=1e-12 * np.abs(result.inertia).max())
+
+
+def test_motors_move_as_differences_of_assembled_poses_say(result):
+    """G against central differences of motor angles, and backlash as the inverse of it."""
+    robot, pose = result.robot, len(result.x) // 3
+    h = 1e-5
+    for k in range(robot.n):
+        step = h * np.eye(robot.n)[k]
+        ahead, behind = (
+            robot.actuated_coordinates(assemble(robot, result.x[pose] + sign * step).q[None])[0]
+            for sign in (1, -1)
+        )
+        expected = robot.gear_ratio * (ahead - behind) / (2 * h)
+        np.testing.assert_allclose(result.gear[pose, :, k], expected, rtol=1e-6)
+    motors = result.gear[pose] / robot.gear_ratio[:, None]
+    np.testing.assert_allclose(result.backlash[pose], np.abs(np.linalg.inv(motors)).sum(axis=1), rtol=1e-9)
+
+
+def test_the_armature_of_the_pose_explains_all_but_the_linkage(result):
+    """What is left of the error scales with the mass of cranks and rods: without them there is none."""
+    for error in result.errors:
+        k = result.robot.axis_names.index(error.axis)
+        assert error.own_armature[k] < 0.15 * error.constant_armature[k] < 0.15 * error.nothing_known[k]
+
+
+def test_without_mass_in_the_linkage_nothing_is_left_of_the_error():
+    from dataclasses import replace
+
+    robot = robots.load("humanoid_knee")
+    model = robot.model.copy()
+    body = model.frames[robot.frames[0]].parentJoint
+    for joint in range(1, model.njoints):
+        if joint != body:
+            model.inertias[joint] = pin.Inertia.Zero()
+    light = replace(robot, model=model)
+    result = transmission(light, lower=[0.5], upper=[1.5], posture=[1.0], frequencies=[4.0], points=5)
+    np.testing.assert_allclose(result.errors[0].own_armature, 0.0, atol=1e-9)
+    assert result.errors[0].nothing_known > 1
+
+
+def test_the_command_writes_a_table_and_three_pictures(tmp_path, document, crossing):
+    words = (
+        "transmission",
+        "humanoid_knee",
+        "--lower",
+        "0.9",
+        "--upper",
+        "1.1",
+        "--frequencies",
+        "2",
+        "--points",
+        "5",
+    )
+    told = document(*words)
+    assert told["axes"]["knee"]["rotors"][0] > 0
+    code, out, _ = crossing(*words, "--out", tmp_path / "knee")
+    assert code == 0
+    assert "nothing known" in out
+    stems = {path.stem for path in (tmp_path / "knee").iterdir()}
+    assert stems == {"transmission", "inertia", "limits", "mapping"}
+    assert json.loads((tmp_path / "knee" / "transmission.json").read_text())["poses"] == told["poses"]
+
+
+def test_what_is_no_transmission_is_refused(refusal):
+    with pytest.raises(InvalidInput, match="as many motors"):
+        transmission(robots.load("two_arms"))
+    assert "lower and upper" in refusal(2, "transmission", "five_bar")
+    assert "lower < upper" in refusal(2, "transmission", "humanoid_knee", "--lower", "1", "--upper", "0.5")

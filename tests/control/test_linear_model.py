@@ -1,0 +1,265 @@
+"""The linear model about a plan, against the robot's own motion; lqr and lqg on it, and what is predicted."""
+
+import importlib.util
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, plan_scene
+from framework.control import (
+    ControlLoop,
+    Measurement,
+    Spread,
+    Tuning,
+    draw,
+    linearise_plan,
+    predict,
+    predict_by_sensors,
+    reference_of,
+    run_closed_loop,
+    suggest_sensors,
+    tuned_controller,
+)
+from framework.control.deviation import Feedback, closed_loop_deviation
+from framework.control.sensors import sensors_of
+from framework.control.variations import apply_variation
+from framework.dynamics.forward_dynamics import forward_derivatives
+from framework.kinematics.frames import integrate
+from framework.simulation import Stepper
+
+WRONG = Spread(payload=0.1, stiffness=0.2, friction=0.05)
+LOOP = ControlLoop(delay=1e-3, counts=8192, link_counts=2**18)
+
+
+@cache
+def reference(name, scene, flexibility, period=1e-3):
+    return reference_of(plan_scene(robots.load(name, flexibility=flexibility), scene), period=period)
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "flexibility"),
+    [
+        ("five_bar", "C", "flexible_links"),  # links without mass: deflections in static balance
+        ("five_bar_heavy", "C", "flexible_links"),
+        ("delta", "pick", "flexible_joints"),
+        ("two_arms", "lift", "rigid"),  # redundant motors
+    ],
+)
+def test_small_errors_evolve_as_those_of_the_robot(name, scene, flexibility):
+    """100 periods from a third of the motion, across no refactored code: the stepper's equations."""
+    ref = reference(name, scene, flexibility)
+    robot, model = ref.robot, linearise_plan(ref)
+    rates = np.gradient(model.joints, ref.period, axis=0)
+    rates[:, :, model.m :] += model.joints[:, :, : model.m]
+    first = len(ref.times) // 3
+    z = np.zeros(2 * model.m)
+    z[: robot.n] = 1e-6 * robot.platform_scale * np.linspace(1.0, -0.5, robot.n)
+    q = np.stack([ref.motion.q[first], integrate(robot, ref.motion.q[first], model.joints[first] @ z)])
+    v = np.stack([ref.motion.v[first], ref.motion.v[first] + rates[first] @ z])
+    stepper = Stepper.of(robot)
+    for k in range(first, first + 100):
+        for _ in range(4):
+            q, v = stepper.step(q, v, np.tile(ref.period_torque[k], (2, 1)), ref.period / 4)
+        z = model.F[k] @ z
+        x, _ = stepper.platform(q, v)
+        size = np.abs(z[: robot.n] / robot.platform_scale).max()
+        assert np.abs((x[1] - x[0] - z[: robot.n]) / robot.platform_scale).max() < 0.04 * max(size, 1e-6)
+
+
+def test_links_without_mass_leave_the_states_of_platform_and_motors():
+    model = linearise_plan(reference("five_bar", "C", "flexible_links"))
+    assert model.A.shape[1:] == (8, 8)
+    assert np.isfinite(model.A).all()  # at the crossing, too
+
+
+def test_a_heavier_payload_moves_the_robot_as_its_column_says():
+    """A robot with another payload under the planned torques, for 0.2 s."""
+    ref = reference("five_bar", "C", "flexible_links")
+    robot, model = ref.robot, linearise_plan(ref, ("payload",))
+    one = draw(robot, Spread(payload=0.02), (3, 1))
+    first = 300
+    z = np.append(np.zeros(2 * model.m), one.payload - 1)
+    rates = np.gradient(model.joints, ref.period, axis=0)[first] @ z
+    q = np.stack([ref.motion.q[first], integrate(robot, ref.motion.q[first], model.joints[first] @ z)])
+    v = np.stack([ref.motion.v[first], ref.motion.v[first] + rates])
+    stepper = Stepper.of([robot, apply_variation(robot, one)], like=robot)
+    for k in range(first, first + 200):
+        for _ in range(4):
+            q, v = stepper.step(q, v, np.tile(ref.period_torque[k], (2, 1)), ref.period / 4)
+        z = model.F[k] @ z
+    x, _ = stepper.platform(q, v)
+    np.testing.assert_allclose(x[1] - x[0], z[: robot.n], atol=0.05 * np.abs(z[: robot.n]).max())
+
+
+def test_stiffer_springs_deflect_less_by_at_most_their_share():
+    """At constant platform and motors only the deflections in static balance change at once."""
+    ref = reference("five_bar", "C", "flexible_links")
+    robot, model = ref.robot, linearise_plan(ref, ("springs",))
+    deflections = ref.motion.q[:, robot.elastic]
+    for spring in range(robot.n_e):
+        change = model.joints[:, robot.elastic, 2 * model.m + spring]  # (K, n_e)
+        assert (change[:, spring] * deflections[:, spring] <= 1e-15).all()
+        own = np.abs(change[:, spring]) * robot.stiffness[spring]
+        assert (own <= 1.01 * np.abs(deflections[:, spring]) * robot.stiffness[spring] + 1e-12).all()
+
+
+def test_gravity_and_torques_are_disturbances_in_their_units():
+    """The accelerations of the robot itself, with gravity along x and with a torque more."""
+    ref = reference("five_bar", "C", "rigid")
+    robot, model = ref.robot, linearise_plan(ref, ("gravity", "torque"))
+    columns = model.A[:, model.m : 2 * model.m, 2 * model.m :]
+    k = 400
+    other = robot.model.copy()
+    other.gravity.linear = other.gravity.linear + np.array([1.0, 0.0, 0.0])
+    pulled = replace(robot, model=other)
+    q, v, torque = ref.motion.q[k], ref.motion.v[k], ref.torque[k]
+    more = np.array([1.0, 0.0]) * np.abs(ref.torque).max(axis=0)
+    there = forward_derivatives(robot, q, v, torque).acceleration
+    for column, acceleration in (
+        (0, forward_derivatives(pulled, q, v, torque).acceleration),
+        (3, forward_derivatives(robot, q, v, torque + more).acceleration),
+    ):
+        np.testing.assert_allclose(columns[k, :, column], acceleration - there, rtol=1e-6)
+    np.testing.assert_allclose(columns[:, :, 2], 0.0, atol=1e-9)  # along z, across the plane
+
+
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+@pytest.mark.parametrize(("name", "sensors"), [("lqr", "joints"), ("lqg", "motors")])
+def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay):
+    ref = reference("five_bar", "C", "flexible_links", 2e-3)
+    loop = ControlLoop(sensors=sensors, delay=delay)
+    controller = tuned_controller(name, ref, loop=loop, spread=WRONG)
+    run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
+    assert run.tracking_error[0] < 1e-5  # robot lengths
+
+
+@pytest.mark.slow
+def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted():
+    """Scene C with wrong payload, springs and friction, 1 ms late, torques of 1.2 times the peak."""
+    ref = reference("five_bar", "C", "flexible_links")
+    loop = replace(LOOP, limit=tuple(1.2 * np.abs(ref.torque).max(axis=0)))
+    controller = tuned_controller("lqg", ref, loop=loop, spread=WRONG)
+    run = run_closed_loop(controller, loop, WRONG, [draw(ref.robot, WRONG, (0, k)) for k in range(12)])
+    assert run.passed.all()
+    instants = np.minimum(5 * np.arange(len(run.x)), len(ref.times) - 1)
+    off = (run.x - ref.x[instants][:, None]) / ref.robot.platform_scale
+    simulated = np.sqrt((off**2).mean(axis=1)).max()
+    predicted = predict("lqg", controller, loop, WRONG).platform
+    assert 1 / 1.5 < predicted / simulated < 1.5
+
+
+def test_more_sensors_never_deviate_more_and_the_least_that_pass_are_named():
+    ref = reference("delta", "pick", "flexible_joints", 2e-3)
+    predictions = {one.sensors: one for one in predict_by_sensors(ref, LOOP, WRONG)}
+    motors, elbows = predictions["motors"], predictions["motors elbows"]
+    assert elbows.platform < 0.5 * motors.platform
+    between = 3 * elbows.platform  # a tolerance whose half only elbows keep
+    assert not motors.is_within(between)
+    one = [motors, elbows, predictions["motors platform"]]
+    assert suggest_sensors(one, between) == elbows
+    assert suggest_sensors([motors], between) is None
+
+
+def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
+    """x" = u + theta under u = -4 x - 4 x': x ends at theta / 4, in exact steps of 1 ms."""
+    ref = reference("five_bar", "C", "rigid", 5e-3)
+    h, count = 1e-3, 8000
+    F = np.array([[1.0, h, h**2 / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
+    G = np.array([[h**2 / 2], [h], [0.0]])
+    model = replace(
+        linearise_plan(ref), F=np.tile(F, (count, 1, 1)), G=np.tile(G, (count, 1, 1)), names=("torque",)
+    )
+    gain = np.tile([[4.0, 4.0, 0.0]], (count, 1, 1))
+    for delay in (0, 3):
+        deviation = closed_loop_deviation(
+            model, Feedback(gain, delay, None, predicts=False), np.array([0.0, 0.0, 0.2])
+        )
+        np.testing.assert_allclose(deviation.z[-1, 0], 0.05, rtol=1e-3)
+        np.testing.assert_allclose(deviation.torque[-1], 0.2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
+def test_a_sample_of_delay_does_not_destabilise_the_default_gains(flexibility):
+    ref = reference("five_bar", "C", flexibility, 2e-3)
+    loop = ControlLoop(delay=2e-3)
+    controller = tuned_controller("feedforward", ref, loop=loop)
+    run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
+    assert run.tracking_error[0] < 5e-4
+
+
+@pytest.mark.parametrize("name", ["feedforward", "computed_torque"])
+def test_the_integral_of_a_constant_error_grows_with_time(name):
+    """At rest at the start, the motors beside the plan: the torque grows by as much every period."""
+    ref = reference("five_bar", "C", "rigid", 2e-3)
+    resting = replace(
+        ref, **{key: np.zeros_like(getattr(ref, key)) + getattr(ref, key)[0] for key in ("motor_angle", "x")}
+    )
+    off = Measurement(ref.motor_angle[:1] + 0.05, 0 * ref.motor_speed[:1], None)
+    torque = {}
+    for integral in (0.0, 5.0):
+        controller = tuned_controller(name, resting, tuning=Tuning(bandwidth=20.0, integral=integral))
+        driver = controller.start(1)
+        torque[integral] = np.array([driver.torque(k, off)[0] for k in range(6)])
+    added = torque[5.0] - torque[0.0]
+    np.testing.assert_allclose(added, np.outer(np.arange(1, 7), added[0]), rtol=0.05)
+    assert (added[0] * torque[0.0][0] > 0).all()
+
+
+def test_sensors_are_read_by_name_and_refused_by_name():
+    robot = robots.load("five_bar", flexibility="flexible_joints")
+    elbows = [
+        robot.coordinates.name_of(c) for c in range(robot.nv) if "elbow" in robot.coordinates.name_of(c)
+    ]
+    one = sensors_of(robot, ControlLoop(sensors=f"motors elbows:{elbows[0]}", counts=100)).joints
+    assert one.S.shape == (3, robot.nv)
+    np.testing.assert_allclose(one.step[:2] * robot.gear_ratio, 2 * np.pi / 100)
+    links = sensors_of(robot, ControlLoop(sensors="links")).joints
+    assert (np.abs(links.S).sum(axis=1) == 2).all()  # joint and deflection
+    with pytest.raises(InvalidInput, match="passive joint"):
+        sensors_of(robot, ControlLoop(sensors="elbows:knee"))
+    with pytest.raises(InvalidInput, match="motors"):
+        ControlLoop(sensors="motors eyes")
+
+
+def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refusal):
+    short = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "5e-3", "--runs", "2"]
+    told = document(*short, "--sensors", "suggest")
+    assert (told["sensors"], told["studies"][0]["controller"]) == ("motors", "lqg")
+    assert {one["sensors"] for one in told["predicted"]} >= {"motors", "motors elbows"}
+    swept = document(*short, "--sweep", "bandwidth=5..40")
+    gains = [study["controller"] for study in swept["studies"]]
+    assert gains[0] == "feedforward bandwidth=5"
+    assert gains[-1] == "feedforward bandwidth=40"
+    assert (
+        swept["studies"][0]["tracking_error"]["largest"] > swept["studies"][-1]["tracking_error"]["largest"]
+    )
+    assert "--sweep" in refusal(2, *short, "--sweep", "colour=1..2")
+    assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e-2])
+def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, delay):
+    """A program of its own reads the table, and asks for the same torques to rounding."""
+    file = tmp_path / "move.csv"
+    words = ("export", "five_bar", "--scene", "C", "--smoothness", "4", "--to", "controller")
+    numbers = ("--period", "5e-3", "--known-delay", str(delay), "--sensors", "motors", "elbows")
+    assert crossing(*words, *numbers, "--out", file)[0] == 0
+    spec = importlib.util.spec_from_file_location("exported", tmp_path / "move_run.py")
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    alone = program.TableController(file)
+
+    plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
+    ref = reference_of(plan, period=5e-3)
+    loop = ControlLoop(sensors="motors elbows", delay=delay, counts=8192, link_counts=2**18)
+    ours = tuned_controller("lqg", ref, loop=loop, spread=Spread(payload=0.1, friction=0.05)).start(1)
+    random = np.random.default_rng(2)
+    S = ours.regulator.filter.sensors.joints.S
+    for k in range(40):
+        off = 1e-3 * random.standard_normal(len(S))
+        measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])
+        expected = ours.torque(k, measured)[0]
+        np.testing.assert_allclose(alone.update(S @ ref.motion.q[k] + off), expected, rtol=1e-6, atol=1e-9)
