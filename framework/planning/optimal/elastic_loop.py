@@ -41,12 +41,12 @@ from framework.planning.optimal.elastic_balance import find_law_in_balance, fit_
 from framework.planning.optimal.elastic_program import (
     SERIES_DEGREE,
     ElasticProgram,
+    GoalWeights,
     Iterate,
-    Weights,
 )
 from framework.planning.optimal.law_problem import condition_rows
 from framework.planning.optimal.least_softening import find_least_softening
-from framework.planning.optimal.optimal_task import OptimalMotion, Task, resolve_law
+from framework.planning.optimal.optimal_task import OptimalMotion, Task, resolve_planned_law
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of
 from framework.planning.refusals import StaticFold
@@ -92,14 +92,14 @@ def find_elastic_motion(task: Task, points: Sequence[SingularPoint]) -> OptimalM
     Raises:
         NoLaw: no law was found within the limits; the message says why.
         NotConverged: deflections and law do not settle together, or the solver gave up.
-        As `resolve_law`.
+        As `resolve_planned_law`.
     """
     robot = task.robot
-    accuracy, weights = LOOSE, Weights(SMOOTHNESS)
+    accuracy, weights = LOOSE, GoalWeights(SMOOTHNESS)
     if springs_carry_inertia(task.branch) or (robot.is_damped and robot.elastic_inertia):
         # rates of springs follow the fifth derivative of the law, their accelerations the sixth
         task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
-        accuracy, weights = LOOSE_OF_INERTIA, Weights(SMOOTHNESS_OF_INERTIA)
+        accuracy, weights = LOOSE_OF_INERTIA, GoalWeights(SMOOTHNESS_OF_INERTIA)
     search, iterate = _find_start(task, points, accuracy)
     _report(search, iterate, weights)
     if accuracy is LOOSE_OF_INERTIA:  # continuation in smoothness: sharp laws shake springs at the ends
@@ -194,7 +194,7 @@ def _balance(search: _Search, y: Array, previous: KnownDeflections | None) -> It
 
 
 def _improve(
-    search: _Search, start: Iterate, weights: Weights, steps: int, min_gain: float = MIN_GAIN
+    search: _Search, start: Iterate, weights: GoalWeights, steps: int, min_gain: float = MIN_GAIN
 ) -> Iterate:
     """Find a law of less merit by some steps of programs in a trust region.
 
@@ -251,7 +251,7 @@ def _improve(
     return best
 
 
-def _report(search: _Search, iterate: Iterate, weights: Weights) -> None:
+def _report(search: _Search, iterate: Iterate, weights: GoalWeights) -> None:
     """Report the cost of a law within the limits, such as `0.231 s`; the search may end with the law."""
     if not iterate.costs.keeps_limits(weights):
         return
@@ -283,13 +283,13 @@ def _foresee_deflections(iterate: Iterate, y: Array) -> KnownDeflections:
 
 
 def _certify(search: _Search, iterate: Iterate) -> tuple[OptimalLaw, InverseDynamics]:
-    """Balance a law to rounding, and certify its motion; raise as `find_law_in_balance` and `resolve_law`."""
+    """Balance a law to rounding, and certify its motion; raise as `find_law_in_balance` and `resolve_planned_law`."""
     near = _foresee_deflections(iterate, iterate.response.y)
     law, balance = find_law_in_balance(search.task, iterate.law, near, search.speed_places, CERTIFIED)
-    return law, resolve_law(search.task, law, balance.deflections)
+    return law, resolve_planned_law(search.task, law, balance.deflections)
 
 
-def _foresee_gap(search: _Search, iterate: Iterate, weights: Weights) -> float:
+def _foresee_gap(search: _Search, iterate: Iterate, weights: GoalWeights) -> float:
     """Return the goal over the least one that a program without smoothness foresees, less 1."""
     sharp = weights._replace(smoothness=0.01 * weights.smoothness)
     proposal = search.program.propose(iterate, sharp, MAX_TRUST, _equalities(search, iterate))

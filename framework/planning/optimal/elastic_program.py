@@ -61,7 +61,7 @@ PEAK, EXCESS, UNREST = range(3)
 OTHERS = 3
 
 
-class Weights(NamedTuple):
+class GoalWeights(NamedTuple):
     """The weights of a merit, and what certificates have taught.
 
     smoothness: eta.
@@ -75,7 +75,7 @@ class Weights(NamedTuple):
     limit_ratio: float = 1.0
     rest_ratio: float = 1.0
 
-    def learn(self, costs: Costs, excess: float, unrest: float) -> Weights:
+    def learn(self, costs: Costs, excess: float, unrest: float) -> GoalWeights:
         """Return the weights after a certificate.
 
         Args:
@@ -103,11 +103,11 @@ class Costs(NamedTuple):
     limit_ratio: float  # largest torque, speed or duration over its limit
     end_rate: float  # of springs, over what is allowed
 
-    def keeps_limits(self, weights: Weights) -> bool:
+    def keeps_limits(self, weights: GoalWeights) -> bool:
         """Return whether limits are kept and springs rest at the ends."""
         return weights.limit_ratio * self.limit_ratio <= 1.0 and weights.rest_ratio * self.end_rate <= 1.0
 
-    def merit(self, weights: Weights) -> float:
+    def merit(self, weights: GoalWeights) -> float:
         """Return the merit, which is minimised."""
         rough = (self.roughness / ROUGHNESS_REFERENCE) ** ROUGHNESS_POWER
         excess = max(weights.limit_ratio * self.limit_ratio - 1.0, 0.0)
@@ -246,7 +246,7 @@ class ElasticProgram:
         return Costs(goal, duration, roughness, float(max(ratios)), end_rate)
 
     def propose(
-        self, iterate: Iterate, weights: Weights, trust: float, equalities: Affine
+        self, iterate: Iterate, weights: GoalWeights, trust: float, equalities: Affine
     ) -> Proposal | None:
         """Find the law of least merit near a motion in balance; None if there is none.
 
@@ -265,7 +265,7 @@ class ElasticProgram:
         return Proposal(y, self._costs(iterate.response, iterate.motors, y, duration), share)
 
     def _solve_for_duration(
-        self, iterate: Iterate, weights: Weights, trust: float, equalities: Affine
+        self, iterate: Iterate, weights: GoalWeights, trust: float, equalities: Affine
     ) -> tuple[Array, float] | None:
         """Return coefficients (n,) and the duration [s] of their law, nearly the required one; None without.
 
@@ -292,7 +292,7 @@ class ElasticProgram:
         return result
 
     def _solve(
-        self, iterate: Iterate, weights: Weights, trust: float, equalities: Affine, curvature: float
+        self, iterate: Iterate, weights: GoalWeights, trust: float, equalities: Affine, curvature: float
     ) -> Array | None:
         """Solve one quadratic program; return the coefficients (n,), or None.
 
@@ -321,7 +321,7 @@ class ElasticProgram:
         slope = -0.5 * (self._quadrature[1] * z_0**-1.5) @ self._z
         return np.asarray(self.unit / iterate.costs.duration * slope)
 
-    def _model_merit(self, iterate: Iterate, weights: Weights) -> tuple[Array, Array]:
+    def _model_merit(self, iterate: Iterate, weights: GoalWeights) -> tuple[Array, Array]:
         """Compute slopes (n,) of the merit by the step, and rows (k, n) whose squares are its second part.
 
         The peak is an unknown, and not among them.
@@ -349,7 +349,7 @@ class ElasticProgram:
                 squares.append((np.sqrt(0.125 * share) * np.abs(tau) / z_0)[:, None] * dz)
         return cost, np.concatenate(squares)
 
-    def _limit_rows(self, iterate: Iterate, weights: Weights, trust: float) -> list[_Rows]:
+    def _limit_rows(self, iterate: Iterate, weights: GoalWeights, trust: float) -> list[_Rows]:
         """Return rows of torques, speeds, a longest duration, rest at both ends, and the trust region."""
         y_0, costs, specification = iterate.law.coefficients, iterate.costs, self.specification
         room = (1.0 - LIMIT_MARGIN) / weights.limit_ratio

@@ -21,7 +21,7 @@ from framework.planning.optimal.optimal_task import (
     check_single_crossings,
     check_speeds,
     find_crossing_points,
-    resolve_law,
+    resolve_planned_law,
 )
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
 from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, advice_of
@@ -123,7 +123,7 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
     """
     for _ in range(MAX_PASSES):
         try:
-            dynamics = resolve_law(task, best.law, None)
+            dynamics = resolve_planned_law(task, best.law, None)
         except UnboundedTorque as failure:  # condition (8) is met, but for rounding
             raise NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s) from None
         excess = limit_excess(dynamics, task.specification)

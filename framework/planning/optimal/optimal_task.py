@@ -82,7 +82,7 @@ class OptimalMotion(NamedTuple):
     gap: float
 
 
-def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
+def resolve_planned_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
     """Compute and certify the torques of a law along the path of a task.
 
     Args:

@@ -14,7 +14,7 @@ from framework.planning.optimal.elastic_loop import (
     _find_start,
     _foresee_deflections,
 )
-from framework.planning.optimal.elastic_program import Costs, Weights
+from framework.planning.optimal.elastic_program import Costs, GoalWeights
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import search_path
@@ -43,7 +43,7 @@ def test_torques_and_deflections_are_foreseen_to_second_order(options):
     search, iterate = start_of(**options)
     errors = []
     for trust in (1e-2, 1e-3):
-        proposal = search.program.propose(iterate, Weights(1e-4), trust, _equalities(search, iterate))
+        proposal = search.program.propose(iterate, GoalWeights(1e-4), trust, _equalities(search, iterate))
         assert proposal.step <= 1.05 * trust
         reached = _balance(search, proposal.y, iterate.balance.deflections)
         y = reached.law.coefficients  # the proposal's, but for the exact duration
@@ -74,7 +74,7 @@ def test_a_better_law_is_not_missed_behind_one_that_rests_more():
 
 
 def test_a_certificate_that_finds_more_lowers_what_programs_may_use():
-    weights = Weights(1e-4)
+    weights = GoalWeights(1e-4)
     costs = Costs(goal=1.0, duration=1.0, roughness=1.0, limit_ratio=0.9995, end_rate=0.5)
     assert weights.learn(costs, excess=1.0004, unrest=0.5).limit_ratio == pytest.approx(
         1.0004 / 0.9995, rel=2e-5
