@@ -283,7 +283,7 @@ def _foresee_deflections(iterate: Iterate, y: Array) -> KnownDeflections:
 
 
 def _certify(search: _Search, iterate: Iterate) -> tuple[OptimalLaw, InverseDynamics]:
-    """Balance a law to rounding, and certify its motion; raise as `find_law_in_balance` and `resolve_planned_law`."""
+    """Balance a law to rounding, and certify its motion; raise as both functions called."""
     near = _foresee_deflections(iterate, iterate.response.y)
     law, balance = find_law_in_balance(search.task, iterate.law, near, search.speed_places, CERTIFIED)
     return law, resolve_planned_law(search.task, law, balance.deflections)

@@ -31,6 +31,8 @@ MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slo
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
 # in sigma, of the intervals where a law may wait; the second if the first fails
+# of the least peak, tried in turn: between two ends in motion holding back costs more than a quicker law
+LARGER_SHARES = (0.1, 0.3, 1.0, 4.0)
 WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 # places between two neighbouring points where limits are checked, as shares of their interval
@@ -117,6 +119,16 @@ class SmoothSearch(NamedTuple):
         """
         if self.goal == "energy":
             return self._find_smooth_of_little_energy(duration, similar)
+        law = self._find_slowed(duration, similar)
+        if self.goal != "time" and all(self.program.problem.specification.ends.moving):
+            for share in LARGER_SHARES:
+                if not isinstance(law, NoneFound):
+                    break
+                law = self._replace(share=share)._find_slowed(duration, similar)
+        return law
+
+    def _find_slowed(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
+        """Find a smooth law as `find_lasting`, within the peak of these bounds."""
         smooth, floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
