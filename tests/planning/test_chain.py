@@ -21,8 +21,8 @@ def five_bar(flexibility: str = "rigid"):
 def test_two_crossings_are_one_motion(flexibility):
     """Through the locus, on a curve back to the other side and through it again."""
     robot = five_bar(flexibility)
-    first = plan_crossing(robot, PATH, duration=1.5, end_speed=0.4)
-    second = first.restart(1.3, [0.05, 0.35], duration=2.0)
+    first = plan_crossing(robot, PATH, duration=1.5, end_speed=0.4, law="polynomial")
+    second = first.restart(1.3, [0.03, 0.32], duration=2.0)
     chain = chain_plans([first, second], [1.3])
     assert len(chain.crossings) == 2
     assert np.abs(second.torque(0.0) - first.torque(1.3)).max() < SEAM
