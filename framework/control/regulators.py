@@ -340,9 +340,10 @@ def tune_filter(
 def _sensor_rows(
     reference: Reference, model: LinearModel, sensors: LoopSensors, spread: Spread
 ) -> tuple[Array, Array, Array, Array]:
-    """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau, and two deviations (s,).
+    """Compute C (K, s, N), D (K, s, n_a) and two deviations (s,) of readings.
 
-    The first is that of the readings alone, the second the deflection behind the encoder.
+    Readings are y = C z + D tau. The first deviation is that of the readings alone, the second the deflection
+    behind the encoder.
     """
     robot, n, m = reference.robot, reference.robot.n, model.m
     S = sensors.joints.S

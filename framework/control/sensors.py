@@ -146,5 +146,5 @@ def motor_step(robot: ParallelRobot, loop: ControlLoop) -> Array:
 
 
 def _turns(robot: ParallelRobot) -> Array:
-    """Return what counts as a turn of each joint (nv,): 2 pi, or a robot length of slides."""
+    """Return the turn of each joint (nv,): 2 pi, or a robot length of slides."""
     return np.where(robot.sliding, robot.column_scale, 2 * np.pi)

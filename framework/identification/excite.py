@@ -148,7 +148,7 @@ class Excitation(ReadOnlyArrays):
 
 
 def digits(quantity: IdentifiedQuantity) -> float:
-    """Return the number of decimal digits to which a quantity is known: log10 of value over deviation."""
+    """Return the decimal digits of a quantity: log10 of value over deviation."""
     return max(float(np.log10(max(abs(quantity.file), 1e-300) / quantity.deviation)), 0.0)
 
 
@@ -166,7 +166,7 @@ def excite(
     seed: int = 0,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Excitation:
-    """Design a periodic motion that shows parameters, and check it by simulation.
+    """Design a periodic motion that shows parameters, checked by simulation.
 
     Args:
         duration: of the motion [s], one period or more.

@@ -61,7 +61,7 @@ def restart_plan(
 
 
 def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> CrossingPlan:
-    """Return plans of one robot, one after the other, as one plan for simulation, control and export.
+    """Join plans of one robot, one after the other, to one plan.
 
     Args:
         plans: two or more; each begins where the last one is left, in position, speed and acceleration.
@@ -135,10 +135,10 @@ class DepartingCurve:
 
     @staticmethod
     def to_goal(robot: ParallelRobot, motion: Sequence[Array], goal: Array) -> DepartingCurve:
-        """Return the curve of least degree from x, x', x", ... (n,) of a motion to a goal (n,).
+        """Return the curve of least degree from a `motion` (n,) each to a goal (n,).
 
-        At s = 0, where s' = v and all further derivatives of s vanish, its derivatives by s are x'/v, x"/v^2,
-        ... With v = |x'| / |goal - x| the tangent is as long as the way.
+        The motion is x, x', x", ... At s = 0, where s' = v and all further derivatives of s vanish, its
+        derivatives by s are x'/v, x"/v^2, ... With v = |x'| / |goal - x| the tangent is as long as the way.
 
         Raises:
             InvalidInput: the platform rests, or is at the goal.
@@ -213,10 +213,10 @@ class MotionPath:
 
 
 def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array]) -> tuple[float, ...]:
-    """Compute s', s", ... at the start of a path from x, x', x", ... (n,) of the platform there.
+    """Compute s', s", ... at the start of a path from the platform's motion.
 
-    With the derivatives p', p", ... of the path, x' = p' s', x" = p" s'^2 + p' s", ... determine them one
-    after the other by least squares.
+    The `motion` is x, x', x", ... (n,) each. With the derivatives p', p", ... of the path, x' = p' s', x" =
+    p" s'^2 + p' s", ... determine them one after the other by least squares.
 
     Raises:
         InvalidInput: the path starts elsewhere, in another direction, or with another curvature, or the
@@ -280,7 +280,7 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
 
 
 def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
-    """Join the torques and motions of the pieces of a path, each up to the instant at which it is left.
+    """Join the torques and motions of the pieces of a path, up to their leaves.
 
     Args:
         friction: dry, of the motors (n_a,) [N m, N], motor side.

@@ -113,7 +113,10 @@ def _joints(model: pin.Model) -> Iterator[NewJoint]:
 
 
 def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
-    """Return armature and viscous damping of the joints by name, on the last axis of a ball."""
+    """Return armature and viscous damping of the joints by name.
+
+    Those of a ball are of its last axis.
+    """
     entries = {}
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         column = joint.idx_v + joint.nv - 1  # of a free flyer a turn
@@ -127,10 +130,10 @@ def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
 
 
 def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[str, Any]:
-    """Return a loop as an entry of a robot file; add the frames of a constraint model to `root`.
+    """Return a loop as an entry of a robot file.
 
-    `given` is an entry; two frames with a kind, and an axis or a length of some kinds; or a constraint model
-    of a point (3D) or of a pose (6D).
+    The frames of a constraint model are added to `root`. `given` is an entry; two frames with a kind, and an
+    axis or a length of some kinds; or a constraint model of a point (3D) or of a pose (6D).
     """
     if isinstance(given, Mapping):
         return dict(given)
@@ -161,7 +164,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
 
 
 def _positions(model: pin.Model, q: ArrayLike | None) -> dict[str, float]:
-    """Return the positions of all joints at q (nq,) by the names of a robot file; neutral by default."""
+    """Return the positions of all joints at q (nq,) by name; neutral by default."""
     neutral = pin.neutral(model)
     stated: Array = neutral if q is None else np.asarray(q, dtype=float)
     if stated.shape != neutral.shape:
