@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+import framework
 import robots
-from framework import Arc, Line, Polyline, Spline, plan_scene, public
+from framework import Arc, Line, Polyline, Spline, plan_scene
 from framework.planning.request import Request
 from framework.show.report import python_call
 
+PUBLIC = {name: getattr(framework, name) for name in framework.__all__}
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ARC = Arc([0.1, 0.345], [0.03, 0.28], [-0.05, 0.195])
 
@@ -41,7 +43,7 @@ def test_the_call_of_a_report_asks_for_the_same(plan, change):
     def record(robot, path, **options):
         calls.append((robot, path, options))
 
-    eval(python_call(same), {**vars(public), "plan_crossing": record})
+    eval(python_call(same), {**PUBLIC, "plan_crossing": record})
     ((robot, path, options),) = calls
     assert robot.description == plan.robot.description
     assert path == same.path
@@ -51,4 +53,4 @@ def test_the_call_of_a_report_asks_for_the_same(plan, change):
 def test_a_path_says_how_to_make_it():
     spline = Spline([[0.0, 0.1], [1.0, 1.0], [2.0, 0.5]])
     for path in (LINE, ARC, spline):
-        assert eval(repr(path), vars(public)) == path
+        assert eval(repr(path), PUBLIC) == path
