@@ -187,6 +187,9 @@ def excite(
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
+    for name, value in (("trials", trials), ("seed", seed)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise InvalidInput(f"{name}: needs a whole number of at least 0, got {value!r}")
     sensors = sensors or Sensors(rate=500.0)
     samples = duration * sensors.rate
     if not MIN_SAMPLES <= samples <= MAX_SAMPLES:

@@ -19,7 +19,7 @@ from numpy.polynomial import polynomial
 
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
 from framework.dynamics.result import Certificate, InverseDynamics
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput, expect, finite_numbers
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law, compose_derivatives, is_number
@@ -71,6 +71,8 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     Raises:
         InvalidInput: the plans are of different robots, or do not meet.
     """
+    for plan in plans:
+        expect("plans", plan, CrossingPlan, "plan_crossing(robot, path)")
     if len(plans) < 2:
         raise InvalidInput(f"plans: a chain needs at least two, got {len(plans)}")
     leaves = [*(times if len(times) else [plan.duration for plan in plans[:-1]]), plans[-1].duration]

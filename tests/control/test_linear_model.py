@@ -237,6 +237,9 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
         swept["studies"][0]["tracking_error"]["largest"] > swept["studies"][-1]["tracking_error"]["largest"]
     )
     assert "--sweep" in refusal(2, *short, "--sweep", "colour=1..2")
+    assert "bandwidth: needs a number" in refusal(2, *short, "--controller", "feedforward bandwidth=x")
+    assert "unknown gain 'width'" in refusal(2, *short, "--controller", "feedforward width=3")
+    assert "2000 periods of 0.005 s" in refusal(2, *short, "--known-delay", "10")
     assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
 
 

@@ -92,6 +92,8 @@ def test_paths_that_do_not_continue_the_motion_are_refused():
         plan.restart(0.5, Arc(x, x + 0.1 * dx + [1e-3, -1e-3], x + 0.2 * dx + [4e-3, -4e-3]), duration=1.0)
     with pytest.raises(InvalidInput, match="rests"):
         plan.restart(1.5, Line(PATH(1.0), PATH(0.0)), duration=1.0)
+    with pytest.raises(InvalidInput, match="nothing is left"):
+        plan.restart(1.5, duration=1.0)
     with pytest.raises(InvalidInput, match="t: must lie in"):
         plan.restart(2.0, duration=1.0)
     with pytest.raises(InvalidInput, match="start_speed"):

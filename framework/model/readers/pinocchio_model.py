@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, expect
 from framework.model.description import AXES, ParsedRobot, kinds_with_length
 from framework.model.robot_file import describe_tree
 from framework.model.urdf_edits import NewJoint, add_frame, free_name, inertial_element, joint_element
@@ -44,11 +44,12 @@ def parse_pinocchio(
         RobotFileError: a value is not what the key of a robot file of its name takes.
         InvalidInput: a joint of the model is of a kind that URDF does not have.
     """
+    expect("model", model, pin.Model, "pin.buildModelFromUrdf(file)")
     root = _urdf_of(model, name)
     content: dict[str, Any] = {
         "gravity": model.gravity.linear.tolist(),
         "platform": dict(platform),
-        "actuators": [{"joint": each} if isinstance(each, str) else dict(each) for each in actuators],
+        "actuators": [dict(each) if isinstance(each, Mapping) else {"joint": each} for each in actuators],
         "closures": [_closure(root, model, k, each) for k, each in enumerate(closures)],
         "reference": reference if isinstance(reference, Mapping) else _positions(model, reference),
         **keys,
@@ -137,7 +138,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
     """
     if isinstance(given, Mapping):
         return dict(given)
-    if isinstance(given, tuple | list):
+    if isinstance(given, tuple | list) and 2 <= len(given) <= 4:
         first, second, *words = given
         kind, *rest = words or ["spherical"]
         entry = {"name": f"{first}_{second}", "frames": [first, second], "kind": kind}
