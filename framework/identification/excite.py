@@ -187,7 +187,8 @@ def excite(
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
-    for name, value in (("trials", trials), ("seed", seed)):
+    counts: dict[str, object] = {"trials": trials, "seed": seed}
+    for name, value in counts.items():
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise InvalidInput(f"{name}: needs a whole number of at least 0, got {value!r}")
     sensors = sensors or Sensors(rate=500.0)
