@@ -73,7 +73,9 @@ class Geometry(ReadOnlyArrays):
 
     def slopes(self, values: Array) -> Array:
         """Compute the derivatives (g, p) of the dimensions with respect to the parameters (p,)."""
-        slopes = np.eye(len(self.turning), len(self.names))
+        if not self.numbers:
+            return np.eye(len(self.turning), len(self.names))
+        slopes = np.zeros((len(self.turning), len(self.names)))
         for k, step in enumerate(_steps(self.robot.description, self.numbers)):
             change = step * np.eye(len(values))[k]
             difference = self.dimensions(values + change) - self.dimensions(values - change)
