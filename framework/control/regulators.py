@@ -117,7 +117,8 @@ class Regulator(ReadOnlyArrays):
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N] of runs that have followed the plan up to instant k."""
         run = self.start(len(measurement.motor_angle))
-        run.sent = [self.reference.period_torque[j] for j in range(min(k + self.delay, len(self.gain)))][:k]
+        last = len(self.gain) - 1
+        run.sent = [self.reference.period_torque[min(j + self.delay, last)] for j in range(k)]
         return run.torque(k, measurement)
 
 
