@@ -53,6 +53,8 @@ def restart_plan(
     expect_path(path)
     if "start_speed" in options:
         raise InvalidInput("start_speed: that of a restart is the plan's own, leave it out")
+    if "wrenches" not in options and _has_varying_wrenches(plan):
+        raise InvalidInput("wrenches: those of the plan depend on its s; state those along the new path")
     start = _law_derivatives_on(robot, path, motion)
     shared = {"friction": plan.request.friction, "wrenches": plan.request.wrenches, "geometry": plan.geometry}
     restarted = plan_crossing(robot, path, **{**shared, **options}, start_speed=start)
@@ -82,9 +84,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         _check_instant(plan, leave)
         _check_seam(plan, leave, following)
     wrenches = plans[0].request.wrenches
-    if any(plan.request.wrenches != wrenches for plan in plans) or any(
-        entry.rows.ndim == 2 for entry in plans[0].dynamics.wrenches.entries
-    ):
+    if any(plan.request.wrenches != wrenches for plan in plans) or _has_varying_wrenches(plans[0]):
         raise InvalidInput(
             "plans: only those with the same wrenches, which do not depend on s, can be chained"
         )
@@ -245,6 +245,11 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
                 "path: the platform rests at its start or moves backwards, a restart needs s' > 0"
             )
     return tuple(map(float, derivatives))
+
+
+def _has_varying_wrenches(plan: CrossingPlan) -> bool:
+    """Return whether external wrenches of a plan depend on s."""
+    return any(entry.rows.ndim == 2 for entry in plan.dynamics.wrenches.entries)
 
 
 def _check_instant(plan: CrossingPlan, t: float) -> None:
