@@ -18,6 +18,7 @@ Commands
     simulate            the robot driven by the planned torques
     robustness          `robustness`, and `robustness STUDY --replay K`
     identification      `excite`, `calibrate`, `identify`: motions to record, geometry, parameters of torques
+    transmission        a linkage as a transmission
     show, export        `show`, `report`: pages of motions and plans; files for other programs
     completion          what completes command lines in a shell
 

@@ -178,7 +178,9 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
     prediction = predict("lqg", controller, loop, spread)
     lines = ["lqg as a table", f"described in {file.with_suffix('.json').name}, run by {program.name}"]
     if prediction is not None:
-        lines.append(f"predicted to deviate by {prediction.platform:.2g} robot lengths or rad")
+        lines.append(
+            f"predicted standard deviation of the platform: {prediction.platform:.2g} robot lengths or rad"
+        )
     return plan.robot, texts, lines
 
 

@@ -341,7 +341,7 @@ def add_excite_options(parser: OneLineParser) -> None:
 
 
 def run_excite(options: Namespace) -> Report:
-    """Design a motion; report what a simulated recording of this motion shows."""
+    """Design a motion; report the quantities that a simulated recording shows."""
     robot = arguments.load(options)
     stated: dict[str, Any] = {
         name: arguments.limits(f"--{name.replace('_', '-')}", words)

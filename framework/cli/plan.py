@@ -150,9 +150,10 @@ def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, R
 
 
 def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: Sequence[str]) -> JointPath:
-    """Find a path in joints from platform coordinates start to goal (n,), with the legs of motors flipped.
+    """Find a path in joints from start to goal (n,), with the legs of motors flipped.
 
-    At the goal the other motors have the same positions as without the flip.
+    Start and goal are platform coordinates. At the goal the other motors have the same positions as without
+    the flip.
 
     Raises:
         InvalidInput: an unknown motor, or no pose with these legs flipped.

@@ -24,6 +24,7 @@ from framework.cli.parser import (
 )
 from framework.control.by_name import CONTROLLERS, GAINS, split_label
 from framework.control.closed_loop import Run
+from framework.control.controllers import Controller
 from framework.control.linear_model import DISTURBANCES
 from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.regulators import Tuning
@@ -212,17 +213,22 @@ def run_robustness(options: Namespace) -> Report:
         return replay_run(options)
     setup = _make_setup(options)
     options.progress.start("predicting")
-    predictions = _predict(setup)
-    if options.sensors == ["suggest"]:
+    suggests = options.sensors == ["suggest"]
+    try:
+        predictions = predict_by_sensors(setup.reference, setup.loop, setup.spread, tuning=setup.tuning)
+    except FrameworkError:  # the linear model does not exist
+        if suggests:
+            raise
+        predictions = []
+    if suggests:
         options.controller = options.controller or ["lqg"]
         chosen = suggest_sensors(predictions, setup.loop.tolerance)
         if chosen is None:
             raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
         setup = replace(setup, loop=replace(setup.loop, sensors=chosen.sensors))
+    controllers = {name: setup.controller(name) for name in _controller_names(options)}
     out = None if options.out is None else Path(options.out)
-    stores = {
-        name: run_store(out, setup.to_dict(), name) for name in _controller_names(options) if out is not None
-    }
+    stores = {name: run_store(out, setup.to_dict(), name) for name in controllers if out is not None}
 
     def count_runs() -> int:
         """Count the finished runs of all studies."""
@@ -231,10 +237,11 @@ def run_robustness(options: Namespace) -> Report:
 
     unit = f"of {options.runs * len(stores)} runs"
     with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
-        studies = _run_studies(options, setup, stores)
+        studies = _run_studies(options, setup, controllers, stores)
         document = _make_document(setup, studies, out) | {"predicted": [asdict(one) for one in predictions]}
-        for one in _predict_studies(options, setup):
-            if not one.is_within(setup.loop.tolerance):
+        for name, controller in controllers.items():
+            one = _predict_study(name, controller, setup)
+            if one is not None and not one.is_within(setup.loop.tolerance):
                 options.warnings.append(WARNING.format(one, setup.loop.tolerance))
         if folder is not None:
             options.progress.start("drawing the figure")
@@ -264,24 +271,12 @@ def _make_setup(options: Namespace) -> StudySetup:
     )
 
 
-def _predict(setup: StudySetup) -> list[LoopPrediction]:
-    """Return the predictions of lqg by sensors; none where the linear model does not exist."""
+def _predict_study(name: str, controller: Controller, setup: StudySetup) -> LoopPrediction | None:
+    """Return the prediction of a controller; None without a linear model."""
     try:
-        return predict_by_sensors(setup.reference, setup.loop, setup.spread, tuning=setup.tuning)
+        return predict(name, controller, setup.loop, setup.spread)
     except FrameworkError:
-        return []
-
-
-def _predict_studies(options: Namespace, setup: StudySetup) -> list[LoopPrediction]:
-    """Return the predictions of the controllers that are studied, as far as they are linear."""
-    try:
-        predictions = [
-            predict(name, setup.controller(name), setup.loop, setup.spread)
-            for name in _controller_names(options)
-        ]
-    except FrameworkError:
-        return []
-    return [one for one in predictions if one is not None]
+        return None
 
 
 def _list_predictions(predictions: list[LoopPrediction]) -> str:
@@ -332,9 +327,10 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
     }
 
 
-def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
+def _run_studies(
+    options: Namespace, setup: StudySetup, controllers: dict[str, Controller], stores: dict[str, KeptChunks]
+) -> list[Study]:
     """Run one study for each controller, in several processes."""
-    controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)  # runs per process, rounded up
     if stores:  # what is finished when the study is stopped is stored

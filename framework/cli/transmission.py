@@ -48,7 +48,7 @@ def add_transmission_options(parser: OneLineParser) -> None:
 
 
 def run_transmission(options: Namespace) -> Report:
-    """Compute the transmission; with --out write it with pictures."""
+    """Compute the transmission; with --out write file and pictures."""
     options.flexibility = "rigid"
     robot = arguments.load(options)
     options.progress.start("computing")

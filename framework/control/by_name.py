@@ -28,11 +28,13 @@ class Setting(NamedTuple):
 
 
 def _tune_feedforward(setting: Setting) -> Controller:
+    """Tune planned torques with feedback of each motor."""
     reference, loop, _spread, tuning = setting
     return FeedforwardPD.tune(reference, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral)
 
 
 def _tune_computed_torque(setting: Setting, *, aware: bool) -> Controller:
+    """Tune computed torque, aware of the singularity or not."""
     reference, loop, _spread, tuning = setting
     return ComputedTorque.tune(
         reference, aware=aware, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral
@@ -40,10 +42,12 @@ def _tune_computed_torque(setting: Setting, *, aware: bool) -> Controller:
 
 
 def _tune_lqr(setting: Setting) -> Controller:
+    """Tune time-varying gains for a measured state."""
     return tune_lqr(setting.reference, loop=setting.loop, weights=Weights(torque=setting.tuning.torque_share))
 
 
 def _tune_lqg(setting: Setting) -> Controller:
+    """Tune time-varying gains with a Kalman filter."""
     reference, loop, spread, tuning = setting
     return LinearModels.of(reference, spread, tuning).tune_lqg(loop)[0]
 

@@ -197,7 +197,7 @@ class _MotorIntegral:
     """Feedforward with the integrals of the angle errors of R runs."""
 
     controller: FeedforwardPD
-    sum: Array  # (R, n_a) [rad s]
+    error_integral: Array  # (R, n_a) [rad s]
 
     @property
     def reference(self) -> Reference:
@@ -207,10 +207,10 @@ class _MotorIntegral:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         own = self.controller
-        self.sum = self.sum + self.reference.period * (
+        self.error_integral = self.error_integral + self.reference.period * (
             self.reference.motor_angle[k] - measurement.motor_angle
         )
-        return own.torque(k, measurement) + own.integral * own.feedback.k_p * self.sum
+        return own.torque(k, measurement) + own.integral * own.feedback.k_p * self.error_integral
 
 
 DEFAULT_BANDWIDTH = 40.0  # [rad/s] of feedforward
@@ -349,7 +349,7 @@ class _PlatformIntegral:
     """Computed torque with the integrals of the platform's errors of R runs."""
 
     controller: ComputedTorque
-    sum: Array  # (R, n) [m s, rad s]
+    error_integral: Array  # (R, n) [m s, rad s]
 
     @property
     def reference(self) -> Reference:
@@ -360,8 +360,8 @@ class _PlatformIntegral:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         own, ref = self.controller, self.reference
         state = estimate_state(ref, k, measurement, aware=own.multipliers is not None)
-        self.sum = self.sum + ref.period * (ref.x[k] - state.x)
-        return own.torque(k, measurement, own.integral * self.sum)
+        self.error_integral = self.error_integral + ref.period * (ref.x[k] - state.x)
+        return own.torque(k, measurement, own.integral * self.error_integral)
 
 
 class _Motion(NamedTuple):

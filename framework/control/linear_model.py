@@ -159,7 +159,7 @@ def linearise_plan(
 def _transform(
     reference: Reference, E: Array, changes: MotionChanges, choice: CoordinateChoice
 ) -> _Equations:
-    """Transform the equations E (3, T, d, d) of y to those of w, see the header."""
+    """Transform the equations E (3, T, d, d) of y to coordinates w, see the header."""
     robot = reference.robot
     n = robot.n
     joints = robot.actuated[choice.motors]
@@ -220,7 +220,7 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
 
 
 def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
-    """Choose the coordinates w and those of them in static balance, from T instants.
+    """Choose the coordinates w, and which are in static balance, from T instants.
 
     At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
     other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
@@ -279,7 +279,7 @@ def _require_mass(robot: ParallelRobot, M: Array) -> None:
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
-    """Return motors whose joints deflections move independently, and the deflections they leave."""
+    """Return motors whose joints deflections move independently, and the other deflections."""
     from scipy.linalg import qr
 
     if not robot.n_e:
@@ -293,7 +293,10 @@ def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[In
 
 
 def _replaced_deflections(robot: ParallelRobot, changes: MotionChanges, motors: IntArray) -> IntArray:
-    """Choose the deflections (k,) that k motors replace, so that W is far from singular at all T instants."""
+    """Choose the deflections (k,) that k motors replace.
+
+    W shall be as far from singular as possible at the worst of the T instants.
+    """
     from scipy.linalg import qr
 
     G = (

@@ -63,7 +63,7 @@ class LoopPrediction:
 
 
 def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread) -> LoopPrediction | None:
-    """Predict the deviations of a controller; None for one that is not linear, or does not see all.
+    """Predict the deviations of a controller; None unless linear, with the whole state.
 
     Args:
         name: name of the controller.
@@ -142,9 +142,9 @@ class LinearModels(NamedTuple):
         return LinearModels(reference, spread, tuning, model, varied_models(reference, model, spread))
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
-        """Return lqg for the sensors of the loop with the first CAUTIONS that are predicted to pass.
+        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to pass.
 
-        If none is, take the one with the least prediction over what is allowed.
+        If none is, take the one with the least prediction over the allowed deviation.
         """
         reference, spread, tuning, model, others = self
         peak = np.abs(reference.torque).max(axis=0)

@@ -117,7 +117,8 @@ class Regulator(ReadOnlyArrays):
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N] of runs that have followed the plan up to instant k."""
         run = self.start(len(measurement.motor_angle))
-        run.sent = [self.reference.period_torque[j] for j in range(min(k + self.delay, len(self.gain)))][:k]
+        last = len(self.gain) - 1
+        run.sent = [self.reference.period_torque[min(j + self.delay, last)] for j in range(k)]
         return run.torque(k, measurement)
 
 
@@ -340,9 +341,10 @@ def tune_filter(
 def _sensor_rows(
     reference: Reference, model: LinearModel, sensors: LoopSensors, spread: Spread
 ) -> tuple[Array, Array, Array, Array]:
-    """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau, and two deviations (s,).
+    """Compute C (K, s, N), D (K, s, n_a) and two deviations (s,) of readings.
 
-    The first is that of the readings alone, the second the deflection behind the encoder.
+    Readings are y = C z + D tau. The first deviation is that of the readings alone, the second the deflection
+    behind the encoder.
     """
     robot, n, m = reference.robot, reference.robot.n, model.m
     S = sensors.joints.S

@@ -3,7 +3,7 @@
     controller = TableController("move.csv")
     torque = controller.update(readings)    # once a period, from rest at the start of the plan
 
-As in a controller of ros2_control, all memory is allocated at the start, and `update` reads the state of the
+As in a controller of ros2_control, the tables are read at the start, and `update` takes the state of the
 sensors and returns the commands. Readings and torques stand in the order of `readings` and `motors` in the
 description, move.json; readings are on the joint side of the gears, torques on the motor side.
 """
@@ -36,8 +36,9 @@ class TableController:
         self.sent: list[Array] = []  # torques
 
     def deviation(self, k: int) -> Array:
-        """Return the torque that acts in period k less the planned one."""
-        return self.sent[max(k - self.delay, 0)] - self.rows["torque"][k]
+        """Return the torque that acts in period k less the planned one, at last that of the last row."""
+        planned = self.rows["torque"]
+        return self.sent[max(k - self.delay, 0)] - planned[min(k, len(planned) - 1)]
 
     def update(self, readings: Array) -> Array:
         """Return the torques for the readings of this period; after the end keep to the last row."""
@@ -46,7 +47,7 @@ class TableController:
         z = self.z
         expected = rows["C"][k] @ z
         if self.sent:
-            before = self.deviation(k - 1)
+            before = self.deviation(self.k - 1)
             z = rows["F"][k - 1] @ z + rows["G"][k - 1] @ before
             expected = rows["C"][k] @ z + rows["D"][k] @ before
         self.z = z = z + rows["L"][k] @ (readings - rows["planned_readings"][k] - expected)

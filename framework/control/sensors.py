@@ -27,6 +27,7 @@ SENSORS = ("motors", "joints", "links", "elbows", "platform", "imu")
 STATE = "joints"  # the sensor of the whole state
 LEAST_NOISE = 1e-6  # [rad, robot lengths] that encoders have at least, in filters
 PLATFORM_NOISE = 2e-5  # [robot lengths, rad] of a measured pose, at least
+MAX_DELAYED = 200  # sampling periods of a known delay: each adds the torques of all motors to the state
 IMU_NOISE = 0.05  # [m/s^2, rad/s^2] of measured accelerations
 
 
@@ -58,8 +59,18 @@ class ControlLoop:
             check_choice("sensors", name.partition(":")[0] if name.startswith("elbows:") else name, SENSORS)
 
     def delayed_periods(self, period: float) -> int:
-        """Return the known delay in sampling periods."""
-        return round(self.delay / period)
+        """Return the known delay in sampling periods.
+
+        Raises:
+            InvalidInput: more than MAX_DELAYED.
+        """
+        count = round(self.delay / period)
+        if count > MAX_DELAYED:
+            raise InvalidInput(
+                f"delay: {self.delay:g} s are {count} periods of {period:g} s, at most {MAX_DELAYED} are "
+                f"known; take a longer period"
+            )
+        return count
 
 
 class JointSensors(NamedTuple):
@@ -146,5 +157,5 @@ def motor_step(robot: ParallelRobot, loop: ControlLoop) -> Array:
 
 
 def _turns(robot: ParallelRobot) -> Array:
-    """Return what counts as a turn of each joint (nv,): 2 pi, or a robot length of slides."""
+    """Return the turn of each joint (nv,): 2 pi, or a robot length of slides."""
     return np.where(robot.sliding, robot.column_scale, 2 * np.pi)

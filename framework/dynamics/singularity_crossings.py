@@ -241,7 +241,9 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
 
 
 def probe_instants(t: float, duration: float, *, probe: float = 1e-6) -> list[float]:
-    """Return the instant t [s] of a crossing and one beside it, towards the middle, for the slope of g.
+    """Return the instant t [s] of a crossing and a second one, for the slope of g.
+
+    The second is towards the middle of the motion.
 
     Args:
         probe: their distance, as a share of the duration.

@@ -168,7 +168,7 @@ class PlatformStiffness(ReadOnlyArrays):
 
     @property
     def along_axes(self) -> Array:
-        """Stiffness (n,) that a force along one axis feels, free to move along the others; 0 without any."""
+        """Stiffness (n,) along each axis, free along the others [N/m, N m/rad]."""
         with np.errstate(divide="ignore"):
             stiffness: Array = 1 / np.diagonal(self.compliance)
         return stiffness

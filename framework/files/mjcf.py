@@ -279,7 +279,7 @@ def _add_loops(
 
 
 def _add_coupling(equality: Element, tendons: Element, coupling: Coupling) -> None:
-    """Add the equality of a coupling: a polynomial in one joint, or a tendon with the sum of several.
+    """Add the equality of a coupling: a polynomial, or a tendon of several joints.
 
     Raises:
         InvalidInput: the coupling has a product of different joints, or powers of one joint beside others.
@@ -307,8 +307,8 @@ def _add_coupling(equality: Element, tendons: Element, coupling: Coupling) -> No
 def _add_polynomial(
     equality: Element, tag: str, members: dict[str, str], coefficients: Sequence[float]
 ) -> None:
-    """Add the equality of a joint or tendon with a polynomial in another one, of at most 5 coefficients."""
-    polynomial = {"polycoef": vector_text([*coefficients, *[0] * (5 - len(coefficients))])}
+    """Add the equality of a joint or tendon with a polynomial in another one, up to MAX_DEGREE."""
+    polynomial = {"polycoef": vector_text([*coefficients, *[0] * (MAX_DEGREE + 1 - len(coefficients))])}
     SubElement(equality, tag, members | polynomial | HARD_EQUALITY)
 
 

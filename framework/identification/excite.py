@@ -148,7 +148,7 @@ class Excitation(ReadOnlyArrays):
 
 
 def digits(quantity: IdentifiedQuantity) -> float:
-    """Return the number of decimal digits to which a quantity is known: log10 of value over deviation."""
+    """Return the decimal digits of a quantity: log10 of value over deviation."""
     return max(float(np.log10(max(abs(quantity.file), 1e-300) / quantity.deviation)), 0.0)
 
 
@@ -166,7 +166,7 @@ def excite(
     seed: int = 0,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Excitation:
-    """Design a periodic motion that shows parameters, and check it by simulation.
+    """Design a periodic motion that shows parameters, checked by simulation.
 
     Args:
         duration: of the motion [s], one period or more.
@@ -187,6 +187,10 @@ def excite(
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
+    counts: dict[str, object] = {"trials": trials, "seed": seed}
+    for name, value in counts.items():
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise InvalidInput(f"{name}: needs a whole number of at least 0, got {value!r}")
     sensors = sensors or Sensors(rate=500.0)
     samples = duration * sensors.rate
     if not MIN_SAMPLES <= samples <= MAX_SAMPLES:

@@ -73,7 +73,9 @@ class Geometry(ReadOnlyArrays):
 
     def slopes(self, values: Array) -> Array:
         """Compute the derivatives (g, p) of the dimensions with respect to the parameters (p,)."""
-        slopes = np.eye(len(self.turning), len(self.names))
+        if not self.numbers:
+            return np.eye(len(self.turning), len(self.names))
+        slopes = np.zeros((len(self.turning), len(self.names)))
         for k, step in enumerate(_steps(self.robot.description, self.numbers)):
             change = step * np.eye(len(values))[k]
             difference = self.dimensions(values + change) - self.dimensions(values - change)
@@ -81,7 +83,7 @@ class Geometry(ReadOnlyArrays):
         return slopes
 
     def prior(self, length_error: float, angle_error: float) -> Array:
-        """Return standard deviations (p,) of the file's parameters, from those of lengths and angles.
+        """Return standard deviations (p,) of the file's parameters.
 
         The number of a file is off by as much as brings a dimension to its deviation. Of a fixture nothing is
         known but that it is no farther than the robot is long.
@@ -207,7 +209,7 @@ def _steps(description: RobotDescription, numbers: Names) -> list[float]:
 def _dimensions_with(
     description: RobotDescription, joints: Names, lengths: Names, changes: Mapping[str, float]
 ) -> Array:
-    """Read the dimensions (g,) of the file with changed parameters, minus those of the description."""
+    """Read the changes (g,) of the file's dimensions by changes of its parameters."""
     other = read_robot_file(
         description.file,
         {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()},
@@ -426,7 +428,7 @@ class MeasuredOffsets(NamedTuple):
 
 
 def place_fixtures(geometry: Geometry, measured: Measurements, q: Array) -> Geometry:
-    """Return the geometry with the fixtures of the measurements, where the poses q (T, nq) have them."""
+    """Return the geometry with the fixtures of the measurements at poses q (T, nq)."""
     columns = tuple(name for name in measured.names if name.startswith((DISTANCE, TOUCH)))
     points = frames_at(geometry.model, q).platform_origin
     values = measured.values[:, len(measured.names) - len(columns) :]

@@ -165,10 +165,11 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
 
 
 def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
-    """Return the robot with the pose of the first row as its reference, if more than the motors tell of it.
+    """Return the robot with the pose of the first row as its reference.
 
-    That are joints in `start`, else columns joint_NAME, else the measured platform: of its working modes the
-    one that has the motors where they are. Assembly and working mode may differ from those of the file.
+    The pose is that of joints in `start`, else of columns joint_NAME, else of the measured platform: of its
+    working modes the one that has the motors where they are. Motors alone leave the reference. Assembly and
+    working mode may differ from those of the file.
 
     Raises:
         InvalidInput: `start` has an unknown joint.

@@ -13,6 +13,7 @@ What a robot is
 The equations, for stacks of configurations
     frames              poses, screws and motions of frames, by pinocchio; steps between configurations
     closures            the loop equations, their derivatives and drift
+    couplings           those that are polynomials in joints' coordinates
     linearised_loops    F and dF/dq at given configurations; the dimensionless matrices of Type 1 and Type 2
 
 From the platform to the joints, and back

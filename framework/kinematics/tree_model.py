@@ -59,7 +59,9 @@ def tree_model(
 def _rebuild(
     parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str], order: Sequence[str]
 ) -> pin.Model:
-    """Return the model with balls in place of the floating joints that the parser made, and joints in order.
+    """Return the model with joints in order, and balls in place of floating joints.
+
+    The parser made the floating ones.
 
     A joint declared as floating gets three slides before its ball.
 

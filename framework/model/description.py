@@ -325,8 +325,8 @@ def lock_couplings(
         equation: dict[Product, float] = {(): 0.0}
         for product, coefficient in coupling.equation.items():
             moving = tuple(name for name in product if name not in locked)
-            held = math.prod(locked[name] for name in product if name in locked)
-            equation[moving] = equation.get(moving, 0.0) + coefficient * held
+            factor = math.prod(locked[name] for name in product if name in locked)
+            equation[moving] = equation.get(moving, 0.0) + coefficient * factor
         products = [product for product, coefficient in equation.items() if product and coefficient]
         if len(products) == 1 and len(products[0]) == 1:
             positions[products[0][0]] = -equation[()] / equation[products[0]]

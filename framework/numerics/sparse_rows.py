@@ -45,7 +45,7 @@ class SparseRows:
 
     @staticmethod
     def sum_of_entries(row: IntArray, column: IntArray, values: Array, shape: tuple[int, int]) -> SparseRows:
-        """Return the matrix of entries (E,) in any order; those at the same place are added."""
+        """Return the matrix of entries (E,) in any order, added where places repeat."""
         place = row * shape[1] + column
         order = place.argsort(kind="stable")
         place = place[order]
@@ -75,6 +75,7 @@ class SparseRows:
         return SparseRows(index, index, np.ones(count), (count, count))
 
     def _without_zeros(self) -> SparseRows:
+        """Return the matrix without entries that are zero."""
         is_entry = self.values != 0.0
         return self if is_entry.all() else self._only(is_entry)
 
@@ -83,6 +84,7 @@ class SparseRows:
         return SparseRows(self.row[mask], self.column[mask], self.values[mask], self.shape)
 
     def _with_values(self, values: Array) -> SparseRows:
+        """Return the matrix with other values (E,) at the same places."""
         return SparseRows(self.row, self.column, values, self.shape)
 
     def toarray(self) -> Array:

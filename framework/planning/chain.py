@@ -19,7 +19,7 @@ from numpy.polynomial import polynomial
 
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
 from framework.dynamics.result import Certificate, InverseDynamics
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput, expect, finite_numbers
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law, compose_derivatives, is_number
@@ -53,6 +53,8 @@ def restart_plan(
     expect_path(path)
     if "start_speed" in options:
         raise InvalidInput("start_speed: that of a restart is the plan's own, leave it out")
+    if "wrenches" not in options and _has_varying_wrenches(plan):
+        raise InvalidInput("wrenches: those of the plan depend on its s; state those along the new path")
     start = _law_derivatives_on(robot, path, motion)
     shared = {"friction": plan.request.friction, "wrenches": plan.request.wrenches, "geometry": plan.geometry}
     restarted = plan_crossing(robot, path, **{**shared, **options}, start_speed=start)
@@ -61,7 +63,7 @@ def restart_plan(
 
 
 def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> CrossingPlan:
-    """Return plans of one robot, one after the other, as one plan for simulation, control and export.
+    """Join plans of one robot, one after the other, to one plan.
 
     Args:
         plans: two or more; each begins where the last one is left, in position, speed and acceleration.
@@ -71,6 +73,8 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     Raises:
         InvalidInput: the plans are of different robots, or do not meet.
     """
+    for plan in plans:
+        expect("plans", plan, CrossingPlan, "plan_crossing(robot, path)")
     if len(plans) < 2:
         raise InvalidInput(f"plans: a chain needs at least two, got {len(plans)}")
     leaves = [*(times if len(times) else [plan.duration for plan in plans[:-1]]), plans[-1].duration]
@@ -80,9 +84,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         _check_instant(plan, leave)
         _check_seam(plan, leave, following)
     wrenches = plans[0].request.wrenches
-    if any(plan.request.wrenches != wrenches for plan in plans) or any(
-        entry.rows.ndim == 2 for entry in plans[0].dynamics.wrenches.entries
-    ):
+    if any(plan.request.wrenches != wrenches for plan in plans) or _has_varying_wrenches(plans[0]):
         raise InvalidInput(
             "plans: only those with the same wrenches, which do not depend on s, can be chained"
         )
@@ -135,10 +137,10 @@ class DepartingCurve:
 
     @staticmethod
     def to_goal(robot: ParallelRobot, motion: Sequence[Array], goal: Array) -> DepartingCurve:
-        """Return the curve of least degree from x, x', x", ... (n,) of a motion to a goal (n,).
+        """Return the curve of least degree from a `motion` (n,) each to a goal (n,).
 
-        At s = 0, where s' = v and all further derivatives of s vanish, its derivatives by s are x'/v, x"/v^2,
-        ... With v = |x'| / |goal - x| the tangent is as long as the way.
+        The motion is x, x', x", ... At s = 0, where s' = v and all further derivatives of s vanish, its
+        derivatives by s are x'/v, x"/v^2, ... With v = |x'| / |goal - x| the tangent is as long as the way.
 
         Raises:
             InvalidInput: the platform rests, or is at the goal.
@@ -213,10 +215,10 @@ class MotionPath:
 
 
 def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array]) -> tuple[float, ...]:
-    """Compute s', s", ... at the start of a path from x, x', x", ... (n,) of the platform there.
+    """Compute s', s", ... at the start of a path from the platform's motion.
 
-    With the derivatives p', p", ... of the path, x' = p' s', x" = p" s'^2 + p' s", ... determine them one
-    after the other by least squares.
+    The `motion` is x, x', x", ... (n,) each. With the derivatives p', p", ... of the path, x' = p' s', x" =
+    p" s'^2 + p' s", ... determine them one after the other by least squares.
 
     Raises:
         InvalidInput: the path starts elsewhere, in another direction, or with another curvature, or the
@@ -243,6 +245,11 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
                 "path: the platform rests at its start or moves backwards, a restart needs s' > 0"
             )
     return tuple(map(float, derivatives))
+
+
+def _has_varying_wrenches(plan: CrossingPlan) -> bool:
+    """Return whether external wrenches of a plan depend on s."""
+    return any(entry.rows.ndim == 2 for entry in plan.dynamics.wrenches.entries)
 
 
 def _check_instant(plan: CrossingPlan, t: float) -> None:
@@ -280,7 +287,7 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
 
 
 def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
-    """Join the torques and motions of the pieces of a path, each up to the instant at which it is left.
+    """Join the torques and motions of the pieces of a path, up to their leaves.
 
     Args:
         friction: dry, of the motors (n_a,) [N m, N], motor side.

@@ -79,7 +79,7 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _end_motion(name: str, value: Any) -> tuple[float, ...] | None:
-    """Return derivatives of s at an end, from s' on, as a tuple; None for an end at rest."""
+    """Return s', s", ... at an end as a tuple; None for an end at rest."""
     derivatives = _numbers(name, [value] if np.ndim(value) == 0 else value)
     if not any(derivatives):
         return None

@@ -170,7 +170,7 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def _frame_text(plan: CrossingPlan, crossing: Crossing) -> str:
-    """Return the place of the platform's frame at a crossing and its twist for t_s, in words."""
+    """Describe the platform's frame at a crossing: its place, and its twist in t_s."""
     robot = plan.robot
     frames = frames_at(robot, plan.configuration(crossing.time)[None])
     velocity, turn = np.split(robot.platform.frame_twist(frames, crossing.twist[None])[0], 2)

@@ -165,7 +165,7 @@ class RaisedDegree:
 
     @cached_property
     def _end_rows(self) -> tuple[Array, Array]:
-        """Rows (m, size) of s at the goal and of derivatives at ends in motion, and their values (m,)."""
+        """Rows (m, size) of s at the goal and of ends in motion, and values (m,)."""
         rows, values = [self._rows_at(np.ones(1), 0)], [1.0]
         for x, end, derivatives in zip(
             (-1.0, 1.0), self.ends, self.ends.derivatives(self.smoothness), strict=True

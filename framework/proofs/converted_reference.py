@@ -75,7 +75,10 @@ def _moves_apart(robot: ParallelRobot, q: Array) -> bool:
 
 
 def _reference_option(robot: ParallelRobot, q: Array) -> str:
-    """Return `--reference` with the joints of a pose q (nq,) at six digits; empty unless it leads there."""
+    """Return the option `--reference` of a pose q (nq,); empty unless it leads to q.
+
+    Joints have six digits.
+    """
     values = {name: float(f"{value:.6g}") + 0.0 for name, value in robot.reference_values(q).items()}
     try:
         posed = ParallelRobot.from_description(replace(robot.description, reference=values))

@@ -35,7 +35,7 @@ def _line(result: LinkageTransmission, axis: int) -> IntArray:
 
 
 def plot_inertia(result: LinkageTransmission) -> Axes:
-    """Plot the parts of the inertia about each axis, along it through the posture."""
+    """Plot the parts of the inertia about each axis, along the axis through the posture."""
     panels = _panels(result.robot.n)
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
         line = _line(result, k)
@@ -67,7 +67,7 @@ def plot_limits(result: LinkageTransmission) -> Axes:
 
 
 def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
-    """Draw the polygons of the posture and of the ends of both axes through it."""
+    """Draw the polygons of the posture and of both ends of both axes."""
     lines = [_line(result, k) for k in (0, 1)]
     posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
     shown = dict.fromkeys([posture, *(int(line[end]) for line in lines for end in (0, -1))])

@@ -91,3 +91,4 @@ def test_what_is_no_transmission_is_refused(refusal):
         transmission(robots.load("two_arms"))
     assert "lower and upper" in refusal(2, "transmission", "five_bar")
     assert "lower < upper" in refusal(2, "transmission", "humanoid_knee", "--lower", "1", "--upper", "0.5")
+    assert "frequencies: must be greater" in refusal(2, "transmission", "humanoid_knee", "--frequencies", "0")

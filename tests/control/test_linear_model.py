@@ -136,6 +136,17 @@ def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, senso
     assert run.tracking_error[0] < 1e-5  # robot lengths
 
 
+@pytest.mark.parametrize("delay", [0.0, 1e-2])
+def test_on_its_plan_a_controller_asks_for_the_torque_of_the_period_in_which_it_acts(delay):
+    ref = reference("five_bar", "C", "rigid", 2e-3)
+    controller = tuned_controller("lqg", ref, loop=ControlLoop(delay=delay))
+    readings = np.zeros((1, controller.filter.C.shape[1]))
+    for k in (0, 100, len(ref.times) - 1):
+        on_plan = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, readings)
+        acts = min(k + round(delay / 2e-3), len(ref.times) - 1)
+        np.testing.assert_allclose(controller.torque(k, on_plan)[0], ref.period_torque[acts], atol=1e-12)
+
+
 @pytest.mark.slow
 def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted():
     """Scene C with wrong payload, springs and friction, 1 ms late, torques of 1.2 times the peak."""
@@ -237,6 +248,9 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
         swept["studies"][0]["tracking_error"]["largest"] > swept["studies"][-1]["tracking_error"]["largest"]
     )
     assert "--sweep" in refusal(2, *short, "--sweep", "colour=1..2")
+    assert "bandwidth: needs a number" in refusal(2, *short, "--controller", "feedforward bandwidth=x")
+    assert "unknown gain 'width'" in refusal(2, *short, "--controller", "feedforward width=3")
+    assert "2000 periods of 0.005 s" in refusal(2, *short, "--known-delay", "10")
     assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
 
 

@@ -280,6 +280,34 @@ def test_a_ball_bar_from_an_unknown_point_calibrates_lengths(tmp_path):
     assert (off_centre < 4.0 * found.deviations[2:]).all()
 
 
+def test_touches_calibrate_numbers_of_the_robot_file(tmp_path):
+    """A plane's numbers change no dimension, whatever the numbers of the file do."""
+    true, block = (RODS[0] + 2e-3, RODS[1] + 2e-3), np.repeat((0.0, 0.02, 0.05), 20)
+    x = np.tile(np.linspace(-0.08, 0.08, 20), 3)
+    touched = 0.2 + 0.03 * x + block + 1e-6 * np.random.default_rng(3).standard_normal(60)
+    data = measured_by("touch_y", block, true, x, touched)
+    nominal = sliders_with_rods(tmp_path, RODS, ("${l}", "${l + 0.02}"))
+    found = calibrate(nominal, data, joints=["l"], noise={"motor_angle": 1e-6, "platform": 1e-6})
+    assert abs(found.values[0] - 2e-3) < 4.0 * found.deviations[0]
+    np.testing.assert_allclose(found.geometry.slopes(found.values), [[1, 0, 0, 0]] * 2, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_ball_bar_calibrates_numbers_of_the_robot_file(tmp_path):
+    """Rods that are both too long move the point along a curved valley."""
+    true, centre = (RODS[0] + 2e-3, RODS[1] + 2e-3), np.array([0.03, -0.2, 0.05])
+    random = np.random.default_rng(4)
+    x, y = random.uniform(-0.08, 0.08, 60), random.uniform(0.18, 0.27, 60)
+    distance = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + centre[2] ** 2)
+    data = measured_by("distance_bar", distance + 1e-6 * random.standard_normal(60), true, x, y)
+    nominal = sliders_with_rods(tmp_path, RODS, ("${l}", "${l + 0.02}"))
+    found = calibrate(nominal, data, joints=["l"], noise={"motor_angle": 1e-9, "platform": 1e-6})
+    assert abs(found.values[0] - 2e-3) < 4.0 * found.deviations[0]
+    (fixture,) = found.geometry.fixtures
+    off_centre = np.abs(np.abs(fixture.start + found.values[1:]) - np.abs(centre))
+    assert (off_centre < 4.0 * found.deviations[1:]).all()
+
+
 @pytest.mark.parametrize("gauges", [(0.0,), (0.0, 0.02, 0.05)], ids=["one height", "gauge blocks"])
 def test_touches_of_a_plane_show_what_their_heights_show(gauges, tmp_path):
     """At one height rods and plane are the same to the slides; blocks of known height tell them apart."""

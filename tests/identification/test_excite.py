@@ -69,6 +69,8 @@ def test_a_search_finds_better_motions_than_its_first():
 def test_what_no_motion_can_keep_is_said():
     with pytest.raises(NoAnswer, match="however small, a motor exceeds its torque limit"):
         excite(ROBOT, duration=2.0, torque_limit=1e-9, sensors=SENSORS)
+    with pytest.raises(InvalidInput, match="trials: needs a whole number"):
+        excite(ROBOT, trials=-1)
     with pytest.raises(InvalidInput, match="unknown parameter of --only 'lift'"):
         excite(ROBOT, only=["lift"])
     with pytest.raises(InvalidInput, match=r"are 5e\+07 samples, of at least 64 and at most"):

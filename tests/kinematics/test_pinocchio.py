@@ -139,6 +139,7 @@ def test_what_pinocchio_or_a_robot_cannot_hold_is_refused() -> None:
         ([("a_tip", "c_tip")], InvalidInput, "c_tip.*did you mean"),
         ([("a_tip", "b_tip", "sperical")], InvalidInput, "did you mean 'spherical'"),
         (["a_tip"], InvalidInput, r"closures\[0\].*two frames and a kind"),
+        ([("a_tip",)], InvalidInput, r"closures\[0\].*two frames and a kind"),
     ):
         with pytest.raises(error, match=words):
             ParallelRobot.from_pinocchio(model, closures, **ASKED)

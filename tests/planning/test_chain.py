@@ -10,6 +10,7 @@ from framework.files.trajectory_file import joint_trajectory
 from tests.oracles.equations_of_motion import defects_of
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
+PUSH = [[s, 0.0, -1.0 - s, 0.0, 0.0, 0.0, 0.0] for s in (0.0, 0.5, 1.0)]  # rows of s, force and moment
 SEAM = 1e-9  # [N m] that a torque may jump
 
 
@@ -92,8 +93,13 @@ def test_paths_that_do_not_continue_the_motion_are_refused():
         plan.restart(0.5, Arc(x, x + 0.1 * dx + [1e-3, -1e-3], x + 0.2 * dx + [4e-3, -4e-3]), duration=1.0)
     with pytest.raises(InvalidInput, match="rests"):
         plan.restart(1.5, Line(PATH(1.0), PATH(0.0)), duration=1.0)
+    with pytest.raises(InvalidInput, match="nothing is left"):
+        plan.restart(1.5, duration=1.0)
     with pytest.raises(InvalidInput, match="t: must lie in"):
         plan.restart(2.0, duration=1.0)
+    pushed = plan_crossing(five_bar(), PATH, duration=1.5, wrenches={"left_tip": PUSH})
+    with pytest.raises(InvalidInput, match="wrenches: those of the plan depend on its s"):
+        pushed.restart(0.5, duration=2.0)
     with pytest.raises(InvalidInput, match="start_speed"):
         plan.restart(0.5, duration=1.0, start_speed=0.3)
 

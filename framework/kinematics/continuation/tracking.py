@@ -115,7 +115,7 @@ def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
 
 
 def _is_near_reference(robot: ParallelRobot, x: Array) -> bool:
-    """Return whether x (n,) is so near to the reference that Newton's method stays in its working mode."""
+    """Return whether Newton's method leads from the reference to x (n,) in one mode."""
     return float(np.abs(x - robot.reference.x).max()) < FILE_ROUNDING * robot.length
 
 

@@ -148,7 +148,7 @@ def _propose_axes(robot: ParallelRobot, twists: list[Array], freedoms: int) -> t
 
 
 def _is_movable_along(robot: ParallelRobot, axes: Names) -> bool:
-    """Return whether the robot can be built with other axes of its platform, along which this moves."""
+    """Return whether the robot can be built with other axes, and its platform moves along all."""
     platform = replace(robot.description.platform, axes=axes, joints=())
     reference = robot.reference_values(robot.reference.q)
     described = replace(robot.description, platform=platform, reference=reference)

@@ -317,7 +317,7 @@ def _choose_best_motors(
 
 
 def _select_helpful(partial: PartialRobot, joints: list[str]) -> list[str]:
-    """Return the joints if the file is completed with them locked, else none."""
+    """Return the joints if a file with these joints locked is completed, else none."""
     return joints if joints and partial.is_answered(locked=dict.fromkeys(joints)) else []
 
 

@@ -55,9 +55,10 @@ def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
 
 
 def regular_reference(robot: ParallelRobot, *, max_moves: int = 4) -> tuple[NearSingularity, Array | None]:
-    """Find a pose q (nq,) away from singularities that are near the reference; None if none are near.
+    """Find the singularity near the reference, and a pose q (nq,) away from singularities.
 
-    The pose is in the same modes and within the joints' ranges. It is also None if there is no such pose.
+    The pose is in the same modes and within the joints' ranges; None if no singularity is near, or if there
+    is no such pose.
     """
     first = near = find_near_singularity(robot, robot.reference.q)
     q = robot.reference.q
@@ -71,7 +72,7 @@ def regular_reference(robot: ParallelRobot, *, max_moves: int = 4) -> tuple[Near
 
 
 def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int) -> Array:
-    """Return poses (T, nq) from q on along a direction (joints,), steps + 1 or fewer if loops open."""
+    """Return poses (T, nq) from q along a direction (joints,), until loops open."""
     poses = [q]
     for _ in range(steps):
         _, allowed = split_row_space(joint_loops_matrix(robot, poses[-1]), BRANCHES_MEET)

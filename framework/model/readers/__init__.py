@@ -7,6 +7,7 @@ Dialects
     gepetto             a YAML of loops beside a URDF
     mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
     sdf, sdf_scope      SDFormat: its joints, and its nested names and poses
+    pinocchio_model     a model of pinocchio in memory, with constraint models
 
 Shared by all readers
     urdf_tree           a URDF that readers edit, with lists of loops, motors and forces

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, expect
 from framework.model.description import AXES, ParsedRobot, kinds_with_length
 from framework.model.robot_file import describe_tree
 from framework.model.urdf_edits import NewJoint, add_frame, free_name, inertial_element, joint_element
@@ -44,11 +44,12 @@ def parse_pinocchio(
         RobotFileError: a value is not what the key of a robot file of its name takes.
         InvalidInput: a joint of the model is of a kind that URDF does not have.
     """
+    expect("model", model, pin.Model, "pin.buildModelFromUrdf(file)")
     root = _urdf_of(model, name)
     content: dict[str, Any] = {
         "gravity": model.gravity.linear.tolist(),
         "platform": dict(platform),
-        "actuators": [{"joint": each} if isinstance(each, str) else dict(each) for each in actuators],
+        "actuators": [dict(each) if isinstance(each, Mapping) else {"joint": each} for each in actuators],
         "closures": [_closure(root, model, k, each) for k, each in enumerate(closures)],
         "reference": reference if isinstance(reference, Mapping) else _positions(model, reference),
         **keys,
@@ -113,7 +114,10 @@ def _joints(model: pin.Model) -> Iterator[NewJoint]:
 
 
 def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
-    """Return armature and viscous damping of the joints by name, on the last axis of a ball."""
+    """Return armature and viscous damping of the joints by name.
+
+    Those of a ball are of its last axis.
+    """
     entries = {}
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         column = joint.idx_v + joint.nv - 1  # of a free flyer a turn
@@ -127,14 +131,14 @@ def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
 
 
 def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[str, Any]:
-    """Return a loop as an entry of a robot file; add the frames of a constraint model to `root`.
+    """Return a loop as an entry of a robot file.
 
-    `given` is an entry; two frames with a kind, and an axis or a length of some kinds; or a constraint model
-    of a point (3D) or of a pose (6D).
+    The frames of a constraint model are added to `root`. `given` is an entry; two frames with a kind, and an
+    axis or a length of some kinds; or a constraint model of a point (3D) or of a pose (6D).
     """
     if isinstance(given, Mapping):
         return dict(given)
-    if isinstance(given, tuple | list):
+    if isinstance(given, tuple | list) and 2 <= len(given) <= 4:
         first, second, *words = given
         kind, *rest = words or ["spherical"]
         entry = {"name": f"{first}_{second}", "frames": [first, second], "kind": kind}
@@ -161,7 +165,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
 
 
 def _positions(model: pin.Model, q: ArrayLike | None) -> dict[str, float]:
-    """Return the positions of all joints at q (nq,) by the names of a robot file; neutral by default."""
+    """Return the positions of all joints at q (nq,) by name; neutral by default."""
     neutral = pin.neutral(model)
     stated: Array = neutral if q is None else np.asarray(q, dtype=float)
     if stated.shape != neutral.shape:
