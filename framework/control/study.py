@@ -216,7 +216,7 @@ class StudySetup:
     loop: ControlLoop  # with torque limits as numbers
     spread: Spread
     seed: int
-    tuning: Tuning
+    tuning: Tuning = Tuning()
 
     @staticmethod
     def of(
