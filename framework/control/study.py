@@ -12,7 +12,7 @@ import platform
 import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -216,7 +216,7 @@ class StudySetup:
     loop: ControlLoop  # with torque limits as numbers
     spread: Spread
     seed: int
-    tuning: Tuning
+    tuning: Tuning = field(default_factory=Tuning)
 
     @staticmethod
     def of(

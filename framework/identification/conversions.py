@@ -42,8 +42,8 @@ class Conversions:
 
     units: Mapping[str, str] = field(default_factory=dict)  # such as {"motor_angle": "deg"}
     signs: Mapping[str, float] = field(default_factory=dict)  # such as {"torque_left": -1}
-    zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
     swaps: Mapping[str, str] = field(default_factory=dict)  # columns that are exchanged for one another
+    zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
 
     def convert(self, data: Recording) -> Recording:
         """Return the recording in SI units, with its columns exchanged and turned.
