@@ -69,7 +69,7 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(robot, document, c
         ),
         (
             ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", "a.html", "--wrench", "1", "2"],
-            "--wrench: of ros2_control, csv only, not of lesson",
+            "--wrench: of ros2_control, csv, controller only, not of lesson",
         ),
         (["pose", "humanoid_ankle", "--platform", "0", "0", "--wrench", "1", "2"], "move with it"),
         (["pose", "five_bar", "--platform", "0", "0.3", "--all", "--wrench", "1", "2"], "lists poses alone"),
