@@ -122,10 +122,19 @@ def robot_file_page() -> str:
 def gallery_page() -> str:
     """Return the robots of the catalogue with their scenes, each with its command."""
     parts = ["# The robots", "![The robots of the catalogue](figures/catalogue.png)"]
+    parts.append(
+        "Scenes *refused by design* ask nothing at their singular point, or beside it, to show the pole: no plan."
+    )
     for name, entry in own_robots().items():
         content = entry.file.read_text(encoding="utf-8")
-        scenes = re.findall(r"^  (\w[\w-]*):", content.partition("\nscenes:")[2], re.MULTILINE)
-        plans = [f"crossing plan {name} --scene {scene} --out {name}_{scene}" for scene in scenes]
+        scenes = re.findall(
+            r"(?:^  # (.*)\n)?^  (\w[\w-]*):", content.partition("\nscenes:")[2], re.MULTILINE
+        )
+        plans = [
+            f"crossing plan {name} --scene {scene} --out {name}_{scene}"
+            + ("  # refused by design: the torques have a pole" if "pole" in comment else "")
+            for comment, scene in scenes
+        ]
         commands = "\n".join([f"crossing show {name}", *plans])
         summary = entry.summary[0].upper() + entry.summary[1:]
         parts.append(f"## {name}\n\n{summary}. {entry.why} Source: {entry.source}.")

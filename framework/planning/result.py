@@ -253,7 +253,8 @@ class CrossingPlan:
         """Write plan.json into a folder, for `load_plan`, and return the file.
 
         Raises:
-            InvalidInput: the path or the law is a function of your own, which cannot be written.
+            InvalidInput: the path or the law is a function of your own, or the robot a model in memory, which
+                cannot be written.
             OutputError: it cannot be written.
         """
         from framework.planning import save_plan

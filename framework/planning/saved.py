@@ -149,8 +149,10 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         folder: the folder of the file; the path of the robot file is then relative to it if possible.
 
     Raises:
-        InvalidInput: the path or the law is a user's own function, which cannot be written.
+        InvalidInput: the path or the law is a user's own function, or the robot a model in memory, which
+            cannot be written.
     """
+    _require_robot_file(plan.robot)
     best = plan.optimality  # None for a polynomial
     optimality = None
     if best is not None:
@@ -179,6 +181,19 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     for crossing, loaded in zip(document["crossings"], plan.loaded_points, strict=True):
         crossing["loaded"] = None if loaded is None else {"s": loaded.s, "distance": loaded.distance}
     return document
+
+
+def _require_robot_file(robot: ParallelRobot) -> None:
+    """Refuse a robot without a file.
+
+    Raises:
+        InvalidInput: the robot is of a model in memory.
+    """
+    if not robot.description.file.exists():
+        raise InvalidInput(
+            f"robot: only a robot of a file can be written down, and {robot.name} has none, such as one of a "
+            f"pinocchio model in memory; save the motion with plan.to_csv"
+        )
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:

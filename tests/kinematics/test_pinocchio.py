@@ -1,5 +1,6 @@
 """Robots of models in memory, and their loops as constraints, against pinocchio's own dynamics."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,18 @@ def test_a_robot_goes_to_pinocchio_and_back() -> None:
     np.testing.assert_allclose(back.reference.x, robot.reference.x, atol=1e-12)
     q_a = robot.reference.q[robot.actuated] + 0.01
     np.testing.assert_allclose(forward_kinematics(back, q_a).q, forward_kinematics(robot, q_a).q, atol=1e-10)
+
+
+def test_a_plan_of_a_model_in_memory_is_not_saved_without_a_robot_file(tmp_path: Path) -> None:
+    model, _ = hand_made()
+    robot = ParallelRobot.from_pinocchio(model, [("a_tip", "b_tip")], **ASKED)
+    start = robot.reference.x
+    plan = plan_crossing(robot, Line(start, start + 0.01), duration=1.0)
+    with pytest.raises(InvalidInput, match=r"robot: only a robot of a file .*plan\.to_csv"):
+        plan.save(tmp_path / "plan")
+    assert not (tmp_path / "plan").exists()
+    plan.to_csv(tmp_path / "motion.csv")
+    assert (tmp_path / "motion.csv").exists()
 
 
 def test_what_pinocchio_or_a_robot_cannot_hold_is_refused() -> None:
