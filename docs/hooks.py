@@ -123,7 +123,7 @@ def gallery_page() -> str:
     """Return the robots of the catalogue with their scenes, each with its command."""
     parts = ["# The robots", "![The robots of the catalogue](figures/catalogue.png)"]
     parts.append(
-        "Scenes *refused by design* ask nothing at their singular point, or beside it, to show the pole: no plan."
+        "Scenes *refused by design* ask nothing at their singular point, or beside it, to show the pole."
     )
     for name, entry in own_robots().items():
         content = entry.file.read_text(encoding="utf-8")
