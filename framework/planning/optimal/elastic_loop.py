@@ -56,7 +56,7 @@ from framework.tolerances import MAX_SOFTENING, MAX_UNRESOLVED_MISFIT, REQUIRED_
 
 START_SHARES = (1e-2, 0.1, 0.5, 3.0)  # of the least cost, that the smoothness of a first law may take
 # of a first law: rates of springs at the ends over what is allowed, and torques over their limits
-MAX_START_REST, MAX_START_LIMIT = 3.0, 3.0
+MAX_START_REST, MAX_START_LIMIT = 1.0, 3.0  # begun outside of rest, the program shapes the input
 LOOSE, LOOSE_OF_INERTIA = Accuracy(1e-8, 400), Accuracy(1e-10, 400)
 # weights of smoothness, also of springs with inertia; the factor with which these begin
 SMOOTHNESS, SMOOTHNESS_OF_INERTIA, CONTINUATION = 1e-4, 6e-4, 4.0
