@@ -255,18 +255,18 @@ def _make_plan(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound that no law can pass, with the plan's gap, or why there is none.
+    """Return the fact on the bound that no law can pass, with the plan's gap.
 
-    Empty for other laws than the optimal one.
+    Empty without a bound.
     """
     best = plan.optimality
     if best is None:
         return []
-    from framework.planning.optimal.peak_bound import bound_plan, missing_bound_reason  # slow to import
+    from framework.planning.optimal.peak_bound import bound_plan  # other plans do not need it
 
     bound = bound_plan(plan)
     if bound is None:
-        return [Fact("bound", missing_bound_reason(plan))]
+        return []
     if best.specification.goal == "time":
         cost = plan.duration
         least = f"takes less than {bound.value:.4g} s"

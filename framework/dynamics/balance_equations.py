@@ -73,16 +73,6 @@ class BalanceState(NamedTuple):
         return float(self.cell_misfits.max())
 
 
-class Accuracy(NamedTuple):
-    """When a balance is settled, and how many cells it may take."""
-
-    misfit: float  # |F| over the largest load
-    max_cells: int
-
-
-CERTIFIED = Accuracy(1e-13, 600)  # of a motion whose torques are certified
-
-
 class Step(NamedTuple):
     """A Gauss-Newton step of the unknowns."""
 
@@ -149,15 +139,12 @@ class LinearBalance:
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
-        y = self._least_change(F, self.rest_of(state)[:, None])
+        # the terms of rest are linear in the deflections, and do not depend on the scalars
+        unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
+        y = self._least_change(F, self.rest @ unknowns[:, None])
         predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
-
-    def rest_of(self, state: BalanceState) -> Array:
-        """Compute the terms (rows,) that vanish at rest: linear in the deflections, whatever the scalars."""
-        unknowns = np.append(state.series, np.zeros(len(state.scalars)))
-        return np.asarray(self.rest @ (unknowns * self.sizes))
 
     def cancel_changes(self, F: Array) -> Array:
         """Compute changes (C + k, n) of the unknowns that cancel changes F (T n_e, n) and preserve rest."""
@@ -194,10 +181,9 @@ class LinearBalance:
 class BalanceEquations:
     """The equations F = 0 of a path and a family of laws."""
 
-    def __init__(self, branch: Branch, family: Family, steps: Array, accuracy: Accuracy = CERTIFIED) -> None:
-        """Store path and laws, the steps (k,) of differences in the scalars, and the accuracy."""
+    def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
+        """Store path and laws, and the steps (k,) of differences in the scalars."""
         self.branch = branch
-        self.accuracy = accuracy
         self.family = family
         self.steps = steps
         self.units = spring_units(branch.robot)
@@ -335,24 +321,24 @@ class BalanceEquations:
     ) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
-        Rows are rate and acceleration of each spring at the E ends where the law is at rest to its sixth
-        derivative, over the spring's largest in the motion. At others, springs that do not vibrate are not at
-        rest either. There are no rows if rates cause no forces.
+        Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
+        There are none if rates cause no forces, or if the law itself is not at rest to its sixth derivative:
+        then springs that do not vibrate are not at rest either.
         C is the number of coefficients of the series, k that of the law's scalars.
         """
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
-        at_rest = np.zeros(2, dtype=bool)  # start and goal
-        if isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS:
-            at_rest = ~np.array(law.moving)
-        if self.orders == 1 or not at_rest.any():
+        is_at_rest = (
+            isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS and not any(law.moving)
+        )
+        if self.orders == 1 or not is_at_rest:
             return np.zeros((0, state.series.size + len(self.steps)))
-        ends = splines.cells[[0, -1]][at_rest]  # (E,)
-        intervals = splines.intervals[[0, -1]][at_rest]
+        ends = splines.cells[[0, -1]]
+        intervals = splines.intervals[[0, -1]]
         _, rate, acceleration = state.samples.clock.motion(ends)
         bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]  # without the values
-        rows = np.zeros((2, len(ends), splines.size))  # order by end
-        rows[:, np.arange(len(ends))[:, None], splines.columns(intervals)] = bases
+        rows = np.zeros((2, 2, splines.size))  # order by end
+        rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases
         sizes = np.abs([prescribed.dl, prescribed.ddl]).max(axis=1) / self.units  # (2, n_e)
         largest = sizes.max(axis=1, keepdims=True)
         # a spring that hardly moves counts by the largest motion of all springs

@@ -16,8 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import (
-    CERTIFIED,
-    Accuracy,
     BalanceEquations,
     BalanceState,
     Family,
@@ -38,10 +36,12 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
+SETTLED_MISFIT = 1e-13  # |F| over the largest load
 ROUNDING_MISFIT = 1e-12  # below, a misfit that no step lowers is due to rounding on its cells
 MISFIT_OF_CELLS = 0.1  # above, a misfit that stalls is not due to the cells
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
 FIRST_CELLS = 48  # of the splines of the deflections, on all panels together
+MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 4  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
@@ -70,7 +70,6 @@ def solve_balance(
     family: Family,
     steps: Array,
     start: KnownDeflections | None = None,
-    accuracy: Accuracy = CERTIFIED,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
@@ -80,7 +79,6 @@ def solve_balance(
         family: function that returns the law, as a `Clock`, of scalars c (k,); the search begins at c = 0.
         steps: (k,) half-widths of the central differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
-        accuracy: at which the search ends.
 
     Raises:
         NotConverged: no deflections in balance were found. If more cells do not help, the returned
@@ -88,7 +86,7 @@ def solve_balance(
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    equations = BalanceEquations(branch, family, steps, accuracy)
+    equations = BalanceEquations(branch, family, steps)
     scalars = np.zeros(len(steps))
     if start is None:
         clock = family(scalars)
@@ -99,9 +97,9 @@ def solve_balance(
     else:
         splines, series = start.splines, start.series / equations.units
     first = equations.evaluate(splines, series, scalars)
-    state = _refine(equations, first, MIN_GAIN * accuracy.misfit)
+    state = _refine(equations, first, MIN_GAIN * SETTLED_MISFIT)
     if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
-        state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * accuracy.misfit)
+        state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * SETTLED_MISFIT)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
@@ -228,7 +226,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
     linear = None
     for _ in range(MAX_STEPS):
         check_time()
-        if state.misfit <= equations.accuracy.misfit:
+        if state.misfit <= SETTLED_MISFIT:
             return GaussNewtonResult(state, True, linear)
         are_fresh = linear is None  # whether the slopes are those at this iterate
         linear = linear or equations.linearise(state)
@@ -243,7 +241,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
-            equations.accuracy.misfit,
+            SETTLED_MISFIT,
         )
         if new is None or new.misfit > good_misfit:
             linear = None
@@ -262,8 +260,8 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
     """
     state = coarse.state
     # the cells above the geometric mean of the largest misfit and a settled one
-    splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * equations.accuracy.misfit))
-    if len(splines.cells) > equations.accuracy.max_cells:
+    splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
+    if len(splines.cells) > MAX_CELLS:
         return coarse._replace(is_solved=False)
     start = equations.evaluate(
         splines,

@@ -48,9 +48,6 @@ class TorqueResponse(NamedTuple):
 
     y: Array  # (n,) of the motion
     scalar_slopes: Array  # (k, n) derivatives of the law's scalars by y
-    series_slopes: Array  # (size, n_e, n) derivatives of the deflections' coefficients, in spring units, by y
-    rest: Array  # (r,) rates and accelerations of springs at both ends, over their largest
-    rest_slopes: Array  # (r, n) derivatives of these by y
     torque: SplineFunction  # (n_a,) [N m] of the motion, motor side
     slopes: SplineFunction  # (n_a n,) derivatives of the torque by y
     speed: SplineFunction  # (n_a,) [rad] of the motors over d sigma/dt
@@ -72,8 +69,6 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     linear = equations.linearise(state)
     # derivatives by y of the splines' coefficients and of the law's scalars
     by_y = linear.cancel_changes(F_y.reshape(-1, F_y.shape[2]))
-    rest = linear.rest_of(state)
-    rest_slopes = (linear.rest * linear.sizes) @ by_y
     series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = per_term.torque @ terms.values[..., None]
@@ -81,8 +76,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     slopes = per_term.torque @ terms.by_y + by_deflections
     # torque, slopes and speed, in the order of the fields
     functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, per_term.speed)]
-    y = clock.law.coefficients
-    return TorqueResponse(y, scalar_slopes, series_by_y, rest, rest_slopes, *functions)
+    return TorqueResponse(clock.law.coefficients, scalar_slopes, *functions)
 
 
 class _LawTerms(NamedTuple):

@@ -11,7 +11,6 @@ represent all functions of time.
 * `chebyshev`: functions of time as Chebyshev series on panels, and their largest values; `bernstein`: bounds
   of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only access to the solver;
-  `quadratic_program`: small dense programs with many rows;
 * `tasks`, `kept`: many independent computations on the cores of this machine or of a cluster, in
   chunks whose results do not depend on where they are computed, stored as they finish;
 * `input`, `output`: files read within limits, and written together or not at all; `fields`: typed values

@@ -354,8 +354,8 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
     from framework.planning.optimal.optimal_task import Task
 
     specification = specification_of(to_cross.branch.robot, request)
-    dynamics, law, reference, gap = optimal_motion(Task(to_cross, request, specification))
-    optimality = Optimality(specification, reference, gap)
+    dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
+    optimality = Optimality(specification, best.reference, best.gap)
     return certified_plan(to_cross, request, dynamics, law, timing=(), reason=reason, optimality=optimality)
 
 

@@ -90,9 +90,7 @@ def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
         return []
     goal = best.specification.goal.replace("_", " ")
     times = "time" if law.turns == 1 else "times"
-    # the search for elastic laws ends with a program of laws near this one, as sharp as they may be
-    least = "foreseen near it" if plan.geometry == "deformed" else "found"
-    text = f"{100 * best.gap:.2g} % above the least {goal} {least}; its speed turns {law.turns} {times}"
+    text = f"{100 * best.gap:.2g} % above the least {goal} found; its speed turns {law.turns} {times}"
     return [Fact("smoothed", text)]
 
 

@@ -73,12 +73,10 @@ The optimal law:
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
-    NotConverged: the law of an undeformed robot keeps its limits nowhere near its points
-        planning.optimal.optimal_motion.optimal_motion
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
-        planning.optimal.elastic_loop.find_elastic_motion
-    NotConverged: law and springs do not settle together within the limits
-        planning.optimal.elastic_loop.find_elastic_motion
+        planning.optimal.optimal_motion.optimal_motion
+    NotConverged: law and springs do not settle together
+        planning.optimal.optimal_motion.optimal_motion
     NotConverged: springs do not start or stop at rest
         planning.optimal.elastic_balance.check_rest
 

@@ -7,7 +7,7 @@ compared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -251,6 +251,10 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
     ends: Ends = REST
+
+    def scale_limits(self, share: float) -> Specification:
+        """Return the specification with its limits multiplied by `share`."""
+        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
 
     @property
     def phi(self) -> Smoothstep:

@@ -60,8 +60,8 @@ class Optimality(ReadOnlyArrays):
 
     reference: torques (n_a,) [N m] by which torques are divided in the costs of peak and energy.
     gap: relative excess of the law's cost over the least cost found. The least cost is that of laws on the
-        same cells, in at most the same duration, that need not be smooth; for robots with springs, that of a
-        law near the plan's, foreseen by torques linear in the law. It does not bound the cost of all laws.
+        same cells, in at most the same duration, that need not be smooth. It does not bound the cost of all
+        laws.
     """
 
     specification: Specification

@@ -10,12 +10,11 @@ may be in balance while they vibrate at an end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from framework.dynamics.balance_equations import CERTIFIED, Accuracy
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.restoration import BalanceSolution, solve_balance
 from framework.dynamics.result import InverseDynamics
@@ -25,14 +24,13 @@ from framework.laws.squared_speed import ONE_CELL, SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
-from framework.numerics.quadratic_program import QuadraticProgram, solve_quadratic_program
-from framework.planning.optimal.law_problem import condition_rows
+from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE
 
-SAMPLES_PER_DEGREE = 12  # of z, to fit one series
-LEAST_SHARE = 0.1  # of z of splines, that their series has everywhere
+# degree of z as one series, which makes deflections smooth; samples of z for each degree, to fit it
+SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12
 END_SAMPLES = 401  # of a motion, for the largest rates of its springs
 NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest; slower springs are not checked, for rounding
 SCALAR_STEP = 1e-4  # of differences in a scalar, over the size of the terms of its condition
@@ -43,22 +41,23 @@ def find_law_in_balance(
     law: OptimalLaw,
     previous: KnownDeflections | None,
     speed_places: Sequence[float] | None = None,
-    accuracy: Accuracy = CERTIFIED,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
-        law: the law near which the result is sought, one series.
+        law: the law near which the result is sought.
         previous: deflections of a similar law, from which the search begins.
         speed_places: s at which the law has the required speeds; by default the crossing points.
-        accuracy: of the balance.
 
     Raises:
         NotConverged: there is no such law near the given one.
     """
     points = find_crossing_points(task)
-    conditions = condition_rows(problem_of(task, points, speed_places), law.basis)
-    duration = task.specification.duration or law.duration
+    problem = problem_of(task, points, speed_places)
+    if law.basis.is_spline:
+        law = _fit_series(problem, law)
+    space = SpeedSpace(law.basis, law.stretch)
+    conditions = condition_rows(problem, law.basis)
     # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
     values[len(points) :] = -conditions.offset[len(points) :]
@@ -66,51 +65,44 @@ def find_law_in_balance(
     def shift_conditions(shifts: Array) -> OnParameter:
         """Return the law nearest to `law` whose first k conditions have values shifted by (k,)."""
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
-        shifted = _adjust(task, law, law.coefficients, Affine(conditions.matrix, -targets), duration)
+        try:
+            equalities = Affine(conditions.matrix, -targets)
+            y = space.adjust(law.coefficients, equalities, law.duration, relative=True)
+            shifted = replace(law, coefficients=y)
+        except InvalidInput:
+            raise _no_law_near(task) from None
         return OnParameter(shifted, task.branch.knots)
 
     # sizes of the terms of each condition (8), to which the steps of differences are proportional
     terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[: len(points)]
-    steps = SCALAR_STEP * np.where(terms > 0.0, terms, 1.0)
-    balance = solve_balance(task.branch, shift_conditions, steps, previous, accuracy)
+    balance = solve_balance(
+        task.branch,
+        shift_conditions,
+        SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
+        previous,
+    )
     return shift_conditions(balance.scalars).law, balance
 
 
-def fit_series(task: Task, law: OptimalLaw, degree: int) -> OptimalLaw:
+def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     """Fit a law with z as one series to a law of splines, with the same duration and condition (8).
 
-    The fit minimises the sum of squares of (z - z_splines) / z_splines with z above LEAST_SHARE z_splines.
+    The fit minimises the sum of squares of (z - z_splines) / z_splines.
 
     Raises:
         NotConverged: the series is not positive.
     """
-    basis = SpeedBasis(np.array(ONE_CELL), degree + 1)
-    xi = nodes(SAMPLES_PER_DEGREE * degree)
+    basis = SpeedBasis(np.array(ONE_CELL), SERIES_DEGREE + 1)
+    xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
     # rows of z / z_splines at xi on the coefficients of the series, fitted to 1
     ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
-    conditions = condition_rows(problem_of(task, find_crossing_points(task)), basis)
-    none = np.zeros((0, basis.size))
-    above = np.full(len(xi), -LEAST_SHARE)
-    y = solve_quadratic_program(
-        QuadraticProgram(ratio.T @ ratio, -ratio.sum(axis=0), none, none[:, 0], -ratio, above)
-    )
-    if y is None:
-        raise _no_law_near(task)
-    return _adjust(task, law, y, conditions, law.duration)
-
-
-def _adjust(task: Task, law: OptimalLaw, y: Array, equalities: Affine, duration: float) -> OptimalLaw:
-    """Return a law with the series nearest to y (n,) that meets equalities and a duration [s].
-
-    Raises:
-        NotConverged: it is not positive.
-    """
-    space = SpeedSpace(SpeedBasis(np.array(ONE_CELL), len(y)), law.stretch)
+    y = np.asarray(np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0], dtype=float)
+    space = SpeedSpace(basis, law.stretch)
     try:
-        y = space.adjust(y, equalities, duration, relative=True)
-        return replace(law, coefficients=y, cells=ONE_CELL, duration=duration)
+        y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
+        return replace(law, coefficients=y, cells=ONE_CELL)
     except InvalidInput:
-        raise _no_law_near(task) from None
+        raise _no_law_near(problem.task) from None
 
 
 def _no_law_near(task: Task) -> NotConverged:
@@ -131,29 +123,17 @@ def check_rest(dynamics: InverseDynamics, law: OptimalLaw) -> None:
         NotConverged: the rate of a spring at an end is more than MAX_END_RATE of its largest, or the
             acceleration more than MAX_END_ACCELERATION.
     """
-    for quantity, at_ends, allowed in _end_rates(dynamics, law):
-        if at_ends > allowed:
-            raise NotConverged(
-                f"{dynamics.robot.name}: springs start or stop with {at_ends:.2g} of their largest "
-                f"{quantity} (at most {allowed:g}), though {law.smoothness} derivatives of the law vanish "
-                f"there",
-                residual=at_ends,
-            )
-
-
-def rest_excess(dynamics: InverseDynamics, law: OptimalLaw) -> float:
-    """Return the largest rate or acceleration of a spring at an end at rest over what `check_rest` allows."""
-    return max(at_ends / allowed for _, at_ends, allowed in _end_rates(dynamics, law))
-
-
-def _end_rates(dynamics: InverseDynamics, law: OptimalLaw) -> Iterator[tuple[str, float, float]]:
-    """Yield rates and accelerations of springs, at ends at rest over their largest, and what is allowed."""
     robot = dynamics.robot
-    is_at_rest = [not is_moving for is_moving in law.moving]
     t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
     for order, quantity, allowed in ((1, "rate", MAX_END_RATE), (2, "acceleration", MAX_END_ACCELERATION)):
         values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
+        is_at_rest = [not is_moving for is_moving in law.moving]
         at_ends = (values[[0, -1]][is_at_rest][:, counted] / largest[counted]).max(initial=0.0)
-        yield quantity, float(at_ends), allowed
+        if at_ends > allowed:
+            raise NotConverged(
+                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
+                f"most {allowed:g}), though {law.smoothness} derivatives of the law vanish there",
+                residual=float(at_ends),
+            )

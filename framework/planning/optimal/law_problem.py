@@ -16,10 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.squared_speed import SpeedBasis
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
@@ -38,6 +40,10 @@ class LawProblem(NamedTuple):
     z0: the squared speed about which damping is linearised; None leaves damping out.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
+    degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
+    max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
+    response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
+    trust: share of the response's z by which z may differ from it.
     """
 
     task: Task
@@ -46,6 +52,10 @@ class LawProblem(NamedTuple):
     z0: SquaredSpeed | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
+    degree: int | None = None
+    max_squared_speed: float = np.inf
+    response: TorqueResponse | None = None
+    trust: float = np.inf
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
@@ -53,6 +63,15 @@ class LawProblem(NamedTuple):
         if self.sampled is not None:
             return self.sampled.evaluate(phi, sigma)
         return demand(self.task.branch, phi, sigma)
+
+    def basis_on(self, cells: Array) -> SpeedBasis:
+        """Return the basis of z: splines on cells (k + 1,), or a series.
+
+        With a `degree` z is one series over the whole path, whatever the cells.
+        """
+        if self.degree is None:
+            return SpeedBasis.from_cells(cells)
+        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
 
     @property
     def specification(self) -> Specification:
@@ -140,6 +159,8 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
         basis: the functions of xi whose combination is z.
         conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
     """
+    if problem.response is not None:
+        return _rows_of_response(problem.response, problem.specification, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
     c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
@@ -154,6 +175,26 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
         matrix = z.scale(motor_cz) + u.scale(motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
+
+
+def _rows_of_response(
+    response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
+) -> MotorRows:
+    """Compute rows of torques and squared speeds at xi (M,) from a torque response.
+
+    With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
+
+    Args:
+        response: the torques linearised about a motion in balance.
+        basis: the functions of xi whose combination is z.
+    """
+    speed = response.speed(xi)
+    torque = response.torque(xi)
+    slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
+    offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
+    motors = range(torque.shape[1])
+    torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)
+    return MotorRows(torques, _squared_speed_rows(speed, specification, basis.matrix(xi)))
 
 
 def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
@@ -199,8 +240,9 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on the coefficients of z.
 
     The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
-    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. The last rows are those of
-    ends in motion.
+    in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
+    the first rows, condition (8) of the undeformed robot, by those of the loaded robot. The last rows are
+    those of ends in motion.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))
@@ -211,7 +253,11 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     at_ends = _end_rows(problem, basis)
     rows = rows.append(at_ends.matrix)
     constant = np.append(constant, at_ends.offset)
-    return Affine(rows, constant)
+    if problem.response is None:
+        return Affine(rows, constant)
+    loaded = problem.response.scalar_slopes  # (k, n)
+    matrix = SparseRows.of(loaded).append(rows[slice(len(loaded), None)])
+    return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))
 
 
 def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:

@@ -13,18 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.cone_program import Unsolved
+from framework.numerics.cone_program import TOLERANCE, Unsolved
 from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
-FIRST_CELLS, MAX_CELLS = 60, 180  # of xi
+FIRST_CELLS, MAX_CELLS = 60, 180  # of xi, for splines
+CELLS_PER_DEGREE = 0.5  # of a series
 # rounds of cutting cells; relative change of the cost below which the cost is settled
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
 LOW_COEFFICIENT = 1e-5  # of the median; lower coefficients would keep falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
+SERIES_TOLERANCE = 1e-5  # relative, of the least cost of a series: smoothness adds a hundred times as much
 # corrections of the units; ratio of the optimum to its unit, or inverse, above which the unit is corrected
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0
 
@@ -66,15 +68,22 @@ def cost_of(goal: str, speed: Speed) -> float:
 
 
 def first_cells(problem: LawProblem) -> Array:
-    """Return edges (k + 1,) of uniform cells in xi, but with each condition in the middle of a cell.
+    """Return edges (k + 1,) of cells in xi, with each condition in the middle of a cell.
 
-    The cell about a condition is as wide as its neighbours, or narrower near an end. Edges within this cell,
-    or nearer to its edges than 0.35 widths, are left out.
+    Cells of splines are uniform. Cells of a series are uniform in the angle acos(xi), and so as dense as the
+    zeros of a Chebyshev polynomial. The cell about a condition is as wide as its neighbours, or narrower near
+    an end. Edges within this cell, or nearer to its edges than 0.35 widths, are left out.
     """
-    edges = np.linspace(-1.0, 1.0, FIRST_CELLS + 1)
+    if problem.degree is None:
+        count = FIRST_CELLS
+        edges = np.linspace(-1.0, 1.0, count + 1)
+    else:
+        count = int(CELLS_PER_DEGREE * problem.degree)
+        edges = -np.cos(np.linspace(0.0, np.pi, count + 1))
     crossings = np.unique(problem.crossing_xi)
     for xi in crossings:
-        width = 2.0 / FIRST_CELLS  # of the neighbouring cells
+        # of the neighbouring cells; d xi = sin(angle) d angle for a series
+        width = 2.0 / count if problem.degree is None else np.pi / count * np.sqrt(1.0 - xi**2)
         distances = np.abs(crossings - xi)
         # two crossings leave a third of their distance between their cells
         width = min(width, 2.0 / 3.0 * distances[distances > 0.0].min(initial=np.inf))
@@ -175,8 +184,9 @@ def solve_least_cost(
     share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
+    tolerance = TOLERANCE if program.basis.is_spline else SERIES_TOLERANCE
     for _ in range(MAX_UNIT_CHANGES):
-        speed = program.minimise(goal, bounds, units)
+        speed = program.minimise(goal, bounds, units, tolerance=tolerance)
         if isinstance(speed, Unsolved):
             if speed.infeasible:
                 return NoneFound(program, speed.status)
@@ -262,6 +272,8 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
         y: (n,) coefficients of its solution.
     """
     basis = program.basis
+    if not basis.is_spline:
+        return np.zeros(len(program.cells) - 1, dtype=bool)
     lowest = LOW_COEFFICIENT * np.median(y)
     low = np.flatnonzero(y <= lowest)
     # three successive coefficients (n - 2, 3); low ones, which are cut anyway, are raised to `lowest`

@@ -24,7 +24,6 @@ from framework.errors import NotAssembled
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
-from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.optimal_task import Task
@@ -37,10 +36,10 @@ MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the so
 
 
 def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening | None:
-    """Find the least rho of the laws that meet condition (8), to first order; None if none is found.
+    """Find the least rho of the series z that meet condition (8), to first order; None if none is found.
 
     Args:
-        problem: an elastic robot's problem.
+        problem: an elastic robot's problem with z as one series.
         duration: [s], the unit of time.
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
@@ -56,16 +55,16 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
         {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]},
         -softening.offset / largest,
     )
+    positive = program.positive_rows
     # a law must advance everywhere; the program has no strict z > 0, but a lower bound, below z at the ends
     ends = problem.specification.ends
     is_moving = list(ends.moving)
     speeds = ends.derivatives(1)[is_moving, 0] / problem.task.phi(np.array([0.0, 1.0])[is_moving], 1)
     least = min([LEAST_SQUARED_SPEED, *(0.5 * speeds**2 / unit)])
-    size = program.basis.size
-    above_least = AffineRows({"y": SparseRows.identity(size)}, np.full(size, -least))
+    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -least))
     optimum = solve_cone_program(
         ConeProgram(
-            {"y": size, "rho": 1},
+            {"y": program.basis.size, "rho": 1},
             {"rho": np.ones(1)},
             equal=[_scale_conditions(program.conditions, unit)],
             nonnegative=[above_least, below_rho],

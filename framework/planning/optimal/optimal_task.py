@@ -11,13 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.result import InverseDynamics
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.optimal_law import OptimalLaw, Smoothstep
+from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array
 from framework.planning.condition import coefficients_at
@@ -67,35 +64,6 @@ class Task(NamedTuple):
     def stretch(self) -> Stretch:
         """The map from sigma to xi, steep at the crossings of the undeformed robot."""
         return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
-
-
-class OptimalMotion(NamedTuple):
-    """A certified motion, its law, and the quality of the law.
-
-    reference: torques (n_a,) [N m] that peak and energy are relative to.
-    gap: the law's cost over the least found, less 1.
-    """
-
-    dynamics: InverseDynamics
-    law: OptimalLaw
-    reference: Array
-    gap: float
-
-
-def resolve_planned_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law along the path of a task.
-
-    Args:
-        known: deflections in balance; None to solve for the deflections.
-    """
-    return resolve(
-        task.to_cross.searched,
-        lambda _: law,
-        geometry=task.geometry,
-        tolerance=task.request.tolerance,
-        friction=task.request.friction,
-        known=known,
-    )
 
 
 def find_crossing_points(task: Task) -> list[SingularPoint]:

@@ -8,13 +8,11 @@ ends, whatever their discretisation. Otherwise there is no bound, and nothing is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.planning.crossing_points import PathToCross
@@ -23,7 +21,7 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries, cut_cells, resolve_series, uniform_cells
 from framework.planning.optimal.phase_plane import demand
 from framework.planning.result import CrossingPlan
-from framework.singularity.points_on_path import SingularPoint, search_path
+from framework.singularity.points_on_path import search_path
 from framework.tolerances import BOUND_MARGIN
 
 FIRST_CELLS, MAX_CELLS = 100, 400
@@ -97,17 +95,6 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
     return bound_peak(task, np.where(limited, specification.torque_limit, plan.optimality.reference))
 
 
-def missing_bound_reason(plan: CrossingPlan) -> str:
-    """Return why an optimal plan has no bound, as a clause."""
-    assert plan.optimality is not None
-    specification = plan.optimality.specification
-    if specification.goal == "energy":
-        return "none is known of the energy"
-    points = search_path(plan.robot, plan.path).points
-    is_limited = specification.goal == "peak_torque" or specification.limited
-    return _why_unbounded(plan.robot, points, is_limited) or "none was proved"
-
-
 class _Proof(NamedTuple):
     """Multipliers on the cells of a series, with the bound of all laws."""
 
@@ -156,7 +143,7 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
         reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
         timed: whether the duration is bounded instead of the peak.
     """
-    if _why_unbounded(task.robot, task.to_cross.points, bool(np.isfinite(reference).any())):
+    if not _has_bound(task, reference):
         return None
     longest = None if timed else task.specification.max_duration
     start_speed, goal_speed = task.specification.ends.derivatives(1)[:, 0]
@@ -183,24 +170,18 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
         edges = cut_cells(task, proof.series.edges, parts)
 
 
-def _why_unbounded(robot: ParallelRobot, points: Sequence[SingularPoint], is_limited: bool) -> str | None:
-    """Return why no bound of laws is known, as a clause; None if one may be found.
+def _has_bound(task: Task, reference: Array) -> bool:
+    """Return whether bounds of a task are known.
 
-    Bounds are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
+    They are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
 
     Args:
-        points: singular points of the path.
-        is_limited: whether the torque of any motor counts.
+        reference: torques (n_a,) [N m]; infinite for motors that do not count.
     """
-    if robot.n_e:
-        return "none is known for robots with springs, whose torques are not linear in the law"
-    if robot.n_a != robot.n:
-        return "none is known for robots with more motors than axes"
-    if not is_limited:
-        return "none is known without limits of torque"
-    if any(point.corank > 1 or point.contact == "tangential" for point in points):
-        return "none is known for paths that touch the locus, or where several motions are uncontrolled"
-    return None
+    robot = task.robot
+    if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
+        return False
+    return all(point.corank == 1 and point.contact != "tangential" for point in task.to_cross.points)
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:

@@ -217,7 +217,7 @@ class SmoothSearch(NamedTuple):
             bounds: bounds of duration, peak and energy.
             floor: lower bound of z [1/s^2].
         """
-        sigma = self._spline_sigma
+        sigma = self._positive_sigma
         problem = self.program.problem
         is_at_rest = ~np.array(problem.specification.ends.moving)
         places = np.array([0.0, 1.0])[is_at_rest]
@@ -370,9 +370,9 @@ class SmoothSearch(NamedTuple):
                 yield law
 
     @property
-    def _spline_sigma(self) -> Array:
-        """The centres sigma (n,) of the splines."""
-        return self.program.problem.task.stretch.inverse(np.clip(self.program.basis.centres, -1.0, 1.0))
+    def _positive_sigma(self) -> Array:
+        """The points sigma (m,) of the rows that keep z positive."""
+        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
 
     def _choose_waits(self, width: float) -> Iterator[BoolArray]:
         """Yield masks (m,) of intervals to wait in: at the cheaper end, and at cheap points inside the path.
@@ -383,7 +383,7 @@ class SmoothSearch(NamedTuple):
         Args:
             width: width of the intervals, in sigma.
         """
-        sigma = self._spline_sigma
+        sigma = self._positive_sigma
         cost = self._holding_cost(sigma)
         yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
         inner_cost = cost[1:-1]

@@ -1,7 +1,8 @@
 """The cone program of the best law along a path, in the squared speed z.
 
 A law s = phi(sigma(t)) has z = (d sigma/dt)^2 and u = d2 sigma/dt2 = z'/2. The coefficients y of z multiply
-B-splines on cells of xi(sigma). Splines are positive everywhere if y >= floor > 0. The relations
+B-splines on cells of xi(sigma), or the functions of one Chebyshev series. Splines are positive everywhere if
+y >= floor > 0. The relations
 
     torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
                                   energy = integral of e,     e r >= |torque|^2
@@ -42,6 +43,7 @@ from framework.tolerances import LIMIT_MARGIN
 # middle of the cell, where the pole is.
 POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
+POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 
 
@@ -76,7 +78,7 @@ class Speed(NamedTuple):
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
     least_duration: the least duration [s], by the quadrature of the program; NaN for other goals than "time".
-    floor: [1/s^2], the lower bound of the coefficients.
+    floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
     """
 
     y: Array
@@ -94,7 +96,7 @@ class SpeedProgram:
 
     problem: LawProblem
     basis: SpeedBasis
-    cells: Array  # (k + 1,) edges in xi of the cells with the splines and the points
+    cells: Array  # (k + 1,) edges in xi of the cells with the points; also those of splines, if z has any
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
     rows: MotorRows  # at the points, then at crossings, then at further_xi
@@ -108,7 +110,7 @@ class SpeedProgram:
         Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points,
         because torques change quickly in these cells.
         """
-        basis = SpeedBasis.from_cells(cells)
+        basis = problem.basis_on(cells)
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
@@ -142,6 +144,18 @@ class SpeedProgram:
     def z(self) -> SparseRows:
         """Rows (P, n) that give the values z = rows @ y at the inner points."""
         return self.basis.matrix(self.xi[self._inner_points])
+
+    @cached_property
+    def positive_xi(self) -> Array:
+        """The xi (m,) of `positive_rows`: centres of splines; points and middles for a series."""
+        return self.basis.centres if self.basis.is_spline else _subdivide(self.xi, POSITIVE_PARTS)
+
+    @cached_property
+    def positive_rows(self) -> SparseRows:
+        """Rows (m, n) on y that make z positive: coefficients of splines; values of a series."""
+        if self.basis.is_spline:
+            return SparseRows.identity(self.basis.size)
+        return self.basis.matrix(self.positive_xi)
 
     @cached_property
     def curvature(self) -> AffineRows:
@@ -203,7 +217,7 @@ class SpeedProgram:
         units: Units,
         *,
         floor: float = 0.0,
-        cap: Array | None = None,
+        cap: Array | float = np.inf,
         weights: Array | None = None,
         about: tuple[Array, float] | None = None,
         tolerance: float = TOLERANCE,
@@ -220,8 +234,8 @@ class SpeedProgram:
                 integral of `weights` z.
             bounds: bounds of duration, peak and energy, and the share of the limits that may be used.
             units: units of time and torque in which the optimum is near 1.
-            floor: lower bound of the coefficients [1/s^2].
-            cap: upper bound of each coefficient (n,) [1/s^2]; None for no bound.
+            floor: lower bound of the `positive_rows` [1/s^2].
+            cap: upper bound of the `positive_rows` (m,) [1/s^2].
             weights: (P,) at the points with a weight, for the goal "slowness".
             about: y (n,) and a duration [s]; the tangent of T(z) at y must not fall below this duration.
             tolerance: relative, of the cost and of the rows.
@@ -232,12 +246,15 @@ class SpeedProgram:
 
         # conditions on the law, and rows that may not be negative
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
-        identity = SparseRows.identity(self.basis.size)
-        nonnegative = [AffineRows({"y": identity}, np.full(self.basis.size, -floor * scale))]
+        positive = self.positive_rows
+        lowest, highest = self._trusted_range()
+        lowest = np.maximum(lowest, floor)
+        highest = np.minimum(highest, cap)
+        nonnegative = [AffineRows({"y": positive}, -lowest * scale)]
         nonnegative += self._limit_rows(goal, bounds, units)
-        if cap is not None:
-            capped = np.flatnonzero(np.isfinite(cap))
-            nonnegative.append(AffineRows({"y": -identity[capped]}, cap[capped] * scale))
+        capped = np.flatnonzero(np.isfinite(highest))
+        if len(capped):
+            nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
         nonnegative += self._bound_integrals(bounds, units)
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
@@ -259,6 +276,18 @@ class SpeedProgram:
             y = self.space.adjust(y, self.conditions)
         duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
         return self.evaluate_speed(y, duration * units.time)._replace(floor=floor)
+
+    def _trusted_range(self) -> tuple[Array, Array]:
+        """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""
+        problem = self.problem
+        count = self.positive_rows.shape[0]
+        lowest = np.zeros(count)
+        highest = np.full(count, problem.max_squared_speed)
+        if problem.response is not None and problem.trust < np.inf:
+            z = self.positive_rows @ problem.response.y
+            lowest = (1.0 - problem.trust) * z
+            highest = np.minimum(highest, (1.0 + problem.trust) * z)
+        return lowest, highest
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
         """Return the number of unknowns of each name.

@@ -33,7 +33,7 @@ from framework.planning.optimal.peak_bound import find_refuting_bound, torques_a
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN
+from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
@@ -164,10 +164,36 @@ def problem_of(
     return LawProblem(task, *conditions_at(task, points, None, speed_places))
 
 
+def solve_problem(
+    problem: LawProblem, *, share: float = SMOOTHNESS_COST, similar: Best | None = None
+) -> Best:
+    """Find the best law of a problem.
+
+    Args:
+        share: share of the least cost by which the cost of a smooth law may exceed it.
+        similar: the law of a similar problem; the search resumes from it if z has the same basis.
+
+    Raises:
+        NoLaw: no law was found within the limits.
+        NotConverged: the solver gave up.
+    """
+    if similar is not None and similar.program.problem.degree == problem.degree:
+        return _require_law(problem, resume_law(similar, problem, share=share))
+    units = None if similar is None else similar.search.units
+    return _require_law(problem, find_best_law(problem, share=share, units=units))
+
+
 def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
+
+
+def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
+    """Return the law of a search; raise the refusal if none was found."""
+    if isinstance(result, NoneFound):
+        raise refuse_law(problem, (), result)
+    return result
 
 
 def _tangent_error(problem: LawProblem, best: Best) -> float:
@@ -227,8 +253,8 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     not_found = NotConverged(
         f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
     )
-    if not problem.task.to_cross.explained:
-        return not_found
+    if problem.response is not None or not problem.task.to_cross.explained:
+        return not_found  # torques linearised about another motion prove nothing about limits
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:

@@ -19,13 +19,7 @@ from framework.planning.optimal.dual_program import DualProgram, Multipliers
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries
-from framework.planning.optimal.peak_bound import (
-    bound_duration,
-    bound_peak,
-    bound_plan,
-    find_refuting_bound,
-    missing_bound_reason,
-)
+from framework.planning.optimal.peak_bound import bound_duration, bound_peak, find_refuting_bound
 from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
 from framework.planning.request import Request, Specification, specification_of
 from framework.planning.scenes import scene_path
@@ -391,17 +385,3 @@ def test_where_the_bound_does_not_hold_there_is_none():
     assert bound_peak(task_of(elastic, LINE, duration=1.5), np.ones(2)) is None
     robot = robots.load("five_bar")
     assert find_refuting_bound(problem_of(robot, duration=1.5).task) is None  # no limit
-
-
-@pytest.mark.parametrize(
-    ("name", "flexibility", "options", "words"),
-    [
-        ("five_bar", "flexible_joints", {"duration": 1.5}, "springs"),
-        ("five_bar", "rigid", {"duration": 1.5, "optimize": "energy"}, "energy"),
-        ("five_bar", "rigid", {"optimize": "time", "speed_limit": 60.0}, "limits of torque"),
-    ],
-)
-def test_a_plan_without_a_bound_says_why(name, flexibility, options, words):
-    plan = plan_crossing(robots.load(name, flexibility=flexibility), LINE, law="optimal", **options)
-    assert bound_plan(plan) is None
-    assert words in missing_bound_reason(plan)
