@@ -429,20 +429,24 @@ class _Refinement:
         if self.geometry == "rigid":
             assert solution.checkpoints is not None
             return result, solution.checkpoints
-        # the deformed robot beside its crossings, and at the instants of checks, as one stack
-        pairs = [probe_instants(crossing.time, result.duration) for crossing in self.crossings]
+        if self.crossings:  # the deformed robot beside its crossings, as one stack
+            beside = np.concatenate([probe_instants(one.time, result.duration) for one in self.crossings])
+            pairs = _checkpoints(result, beside)
+            self.crossings = tuple(
+                deformed_crossing(result, crossing, pairs.select(slice(2 * k, 2 * k + 2)))
+                for k, crossing in enumerate(self.crossings)
+            )
         is_last = certificate.unresolved <= self.tolerance or grid.size >= SIZES[-1]
-        instants = check_instants(robot, grid) if is_last else np.empty(0)
-        times = np.concatenate([*pairs, instants])
-        if not len(times):
-            return result, Checkpoints(times, motion.select(slice(0)), np.empty((0, robot.nv)))
-        motion = result.motion(times)
-        every = Checkpoints(times, motion, tree_forces(robot, motion))
-        self.crossings = tuple(
-            deformed_crossing(result, crossing, every.select(slice(2 * k, 2 * k + 2)))
-            for k, crossing in enumerate(self.crossings)
-        )
-        return replace(result, crossings=self.crossings), every.select(slice(2 * len(pairs), None))
+        result = replace(result, crossings=self.crossings)
+        if is_last:
+            return result, _checkpoints(result, check_instants(robot, grid))
+        return result, Checkpoints(np.empty(0), motion.select(slice(0)), np.empty((0, robot.nv)))
+
+
+def _checkpoints(result: InverseDynamics, times: Array) -> Checkpoints:
+    """Evaluate the motion and its forces at instants (T,) [s]."""
+    motion = result.motion(times)
+    return Checkpoints(times, motion, tree_forces(result.robot, motion))
 
 
 def _check_result(

@@ -163,8 +163,7 @@ def close_each(
         if longest < ROUNDING_STEP:
             break
 
-        # scale long steps down, then take all but rounding: an instant is closed as if it were alone
-        steps[step_size < ROUNDING_STEP] = 0.0
+        # scale long steps down, then take all of them
         steps /= np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * units)
 
