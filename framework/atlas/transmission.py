@@ -28,7 +28,7 @@ import pinocchio as pin
 from framework.dynamics.forces import mass_matrices
 from framework.dynamics.platform_wrench import PlatformLimits, platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
-from framework.errors import FrameworkError, InvalidInput, NoAnswer, NotAssembled, finite_numbers
+from framework.errors import FrameworkError, InvalidInput, NoAnswer, finite_numbers
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motor_speeds
@@ -225,11 +225,9 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
     try:
         q = np.array([assemble(robot, one).q for one in x])
     except FrameworkError as failure:
-        raise NotAssembled(
-            f"{robot.name}: a sine of {AMPLITUDE} along {robot.axis_names[axis]} about the posture is out of "
-            f"reach: give another posture ({failure})",
-            q=robot.q_near,
-            residual=0.0,
+        raise InvalidInput(
+            f"posture: {robot.name} does not reach all of a sine of {AMPLITUDE} rad or robot lengths along "
+            f"{robot.axis_names[axis]} about it ({failure})"
         ) from None
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
     G, N = _rates(robot, q)

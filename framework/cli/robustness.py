@@ -308,7 +308,10 @@ def _controller_names(options: Namespace) -> list[str]:
             f"--sweep: needs {', '.join(GAINS[:-1])} or {GAINS[-1]} with two positive ends, such as "
             f"bandwidth=5..60, got {options.sweep!r}"
         )
-    return [f"{name} {key}={value:.4g}" for name in names for value in np.geomspace(low, high, SWEPT)]
+    labels = [f"{name} {key}={value:.4g}" for name in names for value in np.geomspace(low, high, SWEPT)]
+    for label in labels:
+        split_label(label)  # refuses gains that a controller does not have
+    return labels
 
 
 def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None) -> Document:

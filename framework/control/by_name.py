@@ -16,6 +16,7 @@ from framework.errors import check_choice
 from framework.numerics.fields import number
 
 GAINS = ("bandwidth", "integral", "torque_share")  # fields of Tuning that a label may have
+REGULATOR_GAINS = ("torque_share",)  # those of lqr and lqg; the others have the rest
 
 
 class Setting(NamedTuple):
@@ -65,14 +66,15 @@ def split_label(label: str) -> tuple[str, dict[str, Any]]:
     """Return name and gains of a label such as `feedforward bandwidth=20`.
 
     Raises:
-        InvalidInput: unknown name or gain, or no number.
+        InvalidInput: unknown name, a gain that this controller does not have, or no number.
     """
     name, *changes = label.split() or [""]
     check_choice("controller", name, CONTROLLERS)
     gains: dict[str, Any] = {}
     for change in changes:
         key, _, value = change.partition("=")
-        check_choice("gain", key, GAINS)
+        own = [gain for gain in GAINS if (gain in REGULATOR_GAINS) == (name in ("lqr", "lqg"))]
+        check_choice(f"gain of {name}", key, own)
         gains[key] = number(f"{name}: {key}", value)
     return name, gains
 

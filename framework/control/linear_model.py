@@ -204,14 +204,14 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
     L_t = np.asarray(np.linalg.solve(K[bb], B[:, b]), float)
     L_hT = L_h.swapaxes(1, 2)
 
-    def along_balance(matrix: Array) -> Array:
+    def reduce_along_balance(matrix: Array) -> Array:
         """Return a matrix for motions h with l = L_h h."""
         along: Array = matrix[hh] + matrix[hb] @ L_h + L_hT @ (matrix[bh] + matrix[bb] @ L_h)
         return along
 
     return _Condensed(
-        M=along_balance(M),
-        D=along_balance(D),
+        M=reduce_along_balance(M),
+        D=reduce_along_balance(D),
         K=K[hh] + K[hb] @ L_h,
         B=B[:, h] - K[hb] @ L_t,
         L_h=L_h,

@@ -32,7 +32,7 @@ class PathForces(NamedTuple):
     motion: Motion  # at s' = 1 and s" = 0
 
     @staticmethod
-    def along(branch: Branch, s: Array, closed: ClosedStack) -> PathForces:
+    def compute(branch: Branch, s: Array, closed: ClosedStack) -> PathForces:
         """Compute the forces at the closed poses `closed` of a branch at s (T,)."""
         robot, path = branch.robot, branch.path
         motion = motion_at(robot, closed, path(s, 1), path(s, 2))

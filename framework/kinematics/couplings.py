@@ -32,7 +32,7 @@ def coupling_derivatives(rows: LoopRows, q: Array, order: int) -> Array:
 
 def coupling_jacobian(rows: LoopRows, q: Array, nv: int) -> Array:
     """Compute derivatives (T, m, nv) of couplings along velocities at q (T, nq); 0 in other rows."""
-    return _along_velocities(rows, coupling_derivatives(rows, q, 1), nv)
+    return _scatter_slopes(rows, coupling_derivatives(rows, q, 1), nv)
 
 
 def coupling_jacobian_rates(rows: LoopRows, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
@@ -44,7 +44,7 @@ def coupling_jacobian_rates(rows: LoopRows, q: Array, v: Array, a: Array) -> tup
     rate_of_rate = np.einsum("tckl,tcl->tck", second, ddz)
     rate_of_rate += np.einsum("tckln,tcl,tcn->tck", coupling_derivatives(rows, q, 3), dz, dz)
     nv = v.shape[1]
-    return _along_velocities(rows, rate, nv), _along_velocities(rows, rate_of_rate, nv)
+    return _scatter_slopes(rows, rate, nv), _scatter_slopes(rows, rate_of_rate, nv)
 
 
 def coupling_drift(rows: LoopRows, q: Array, v: Array) -> Array:
@@ -61,16 +61,16 @@ def coupling_force_changes(rows: LoopRows, q: Array, multipliers: Array, motions
     dz = motions[..., rows.columns[rows.coupled]]  # (T, k, c, K)
     weighted = multipliers[:, rows.coupled, None, None] * coupling_derivatives(rows, q, 2)
     slopes = np.einsum("tcij,tkcj->tkci", weighted, dz)
-    return _along_velocities(rows, slopes, motions.shape[2]).sum(axis=2)
+    return _scatter_slopes(rows, slopes, motions.shape[2]).sum(axis=2)
 
 
 def coupling_pattern(rows: LoopRows, nv: int) -> BoolArray:
     """Return whether a row is a coupling that depends on the joint of a column, (m, nv)."""
     degrees = (rows.coefficients != 0.0)[..., None] * rows.exponents  # (m, M, K)
-    return _along_velocities(rows, degrees[rows.coupled].sum(axis=1).astype(float), nv) > 0.0
+    return _scatter_slopes(rows, degrees[rows.coupled].sum(axis=1).astype(float), nv) > 0.0
 
 
-def _along_velocities(rows: LoopRows, slopes: Array, nv: int) -> Array:
+def _scatter_slopes(rows: LoopRows, slopes: Array, nv: int) -> Array:
     """Return slopes (..., c, K) along the couplings' joints as (..., m, nv)."""
     result = np.zeros((*slopes.shape[:-2], len(rows.names), nv))
     coupled = np.flatnonzero(rows.coupled)

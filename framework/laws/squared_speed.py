@@ -156,7 +156,7 @@ class SpeedBasis(ReadOnlyArrays):
             values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
             values = values @ derivative_matrix(self.size, order) if order else values
             columns = np.broadcast_to(np.arange(self.size), values.shape)
-        return SparseRows.in_columns(columns, values, self.size)
+        return SparseRows.place_columns(columns, values, self.size)
 
     def series(self, y: Array) -> Array:
         """Return Chebyshev series (k, degree + 1) on the cells, for coefficients y (size,)."""

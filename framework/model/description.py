@@ -283,7 +283,7 @@ class Coupling:
         return all(len(product) == 1 for product, _ in self.terms)
 
     @staticmethod
-    def of_equation(equation: Polynomial, followers: Iterable[str] = ()) -> Coupling | None:
+    def solve_equation(equation: Polynomial, followers: Iterable[str] = ()) -> Coupling | None:
         """Return the coupling of a polynomial that vanishes, solved for a joint that no product has.
 
         If there are several, the joint is the first that is none of `followers`, which other couplings solve.
@@ -331,7 +331,7 @@ def lock_couplings(
         if len(products) == 1 and len(products[0]) == 1:
             positions[products[0][0]] = -equation[()] / equation[products[0]]
         elif products:
-            if (reduced := Coupling.of_equation(equation)) is None:
+            if (reduced := Coupling.solve_equation(equation)) is None:
                 moving = tuple(name for name in coupling.joints if name not in locked)
                 raise RobotFileError(
                     f"coupling {coupling.name!r} has no unique solution where {coupling.joint} is locked: "

@@ -184,7 +184,7 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
         group_start += len(offsets[-1])
     row, column, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     shape = (group_start, sum(program.sizes.values()))
-    return Affine(SparseRows.in_any_order(row, column, values, shape), np.concatenate(offsets))
+    return Affine(SparseRows.sort_entries(row, column, values, shape), np.concatenate(offsets))
 
 
 class LinearMatrix(NamedTuple):

@@ -38,7 +38,7 @@ class SparseRows:
         return SparseRows(row, by_rows.indices, by_rows.data, matrix.shape)
 
     @staticmethod
-    def in_columns(columns: IntArray, values: Array, count: int) -> SparseRows:
+    def place_columns(columns: IntArray, values: Array, count: int) -> SparseRows:
         """Return the matrix (M, count) with W `values` (M, W) in each row, in `columns` (M, W)."""
         row = np.arange(len(values)).repeat(values.shape[1])
         return SparseRows(row, columns.ravel(), values.ravel(), (len(values), count))
@@ -54,10 +54,10 @@ class SparseRows:
         number = is_first.cumsum() - 1  # (E,) of each entry's place
         sums = _sum_by(number, values[order], int(is_first.sum()))
         row, column = np.divmod(place[is_first], shape[1])
-        return SparseRows(row, column, sums, shape)._without_zeros()
+        return SparseRows(row, column, sums, shape)._drop_zeros()
 
     @staticmethod
-    def in_any_order(row: IntArray, column: IntArray, values: Array, shape: tuple[int, int]) -> SparseRows:
+    def sort_entries(row: IntArray, column: IntArray, values: Array, shape: tuple[int, int]) -> SparseRows:
         """Return the matrix of entries (E,) at different places, in any order."""
         order = row.argsort(kind="stable")
         return SparseRows(row[order], column[order], values[order], shape)
@@ -74,7 +74,7 @@ class SparseRows:
         index = np.arange(count)
         return SparseRows(index, index, np.ones(count), (count, count))
 
-    def _without_zeros(self) -> SparseRows:
+    def _drop_zeros(self) -> SparseRows:
         """Return the matrix without entries that are zero."""
         is_entry = self.values != 0.0
         return self if is_entry.all() else self._only(is_entry)
@@ -119,7 +119,7 @@ class SparseRows:
     def __add__(self, other: SparseRows) -> SparseRows:
         """Return the sum of two matrices (M, n)."""
         if np.array_equal(self.column, other.column) and np.array_equal(self.row, other.row):
-            return self._with_values(self.values + other.values)._without_zeros()
+            return self._with_values(self.values + other.values)._drop_zeros()
         row = np.concatenate([self.row, other.row])
         column = np.concatenate([self.column, other.column])
         values = np.concatenate([self.values, other.values])

@@ -296,7 +296,7 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
 
     def join(functions: Sequence[TimeFunction]) -> TimeFunction:
         """Join a function of time of all pieces."""
-        cut = [_cut(function, leave) for function, leave in zip(functions, path.leaves, strict=True)]
+        cut = [_cut_function(function, leave) for function, leave in zip(functions, path.leaves, strict=True)]
         size = max(function.coefficients.shape[1] for function in cut)
         edges = [start + function.edges[:-1] for function, start in zip(cut, path.starts, strict=False)]
         padded = [
@@ -333,7 +333,7 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
     )
 
 
-def _cut(function: TimeFunction, leave: float) -> TimeFunction:
+def _cut_function(function: TimeFunction, leave: float) -> TimeFunction:
     """Return a function on [0, leave] [s]; the part of a polynomial is one of the same degree."""
     if leave >= function.edges[-1]:
         return function

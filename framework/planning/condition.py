@@ -146,7 +146,7 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     pose, eta = crossing.pose, crossing.motion
     s = np.array([crossing.s])
     closed = ClosedStack(pose.frames.q, branch.path(s), pose)
-    forces = PathForces.along(branch, s, closed)
+    forces = PathForces.compute(branch, s, closed)
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
     powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
     values = powers.sum(axis=1)

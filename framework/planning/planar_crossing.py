@@ -123,7 +123,7 @@ class PlanarCrossing(NamedTuple):
             motion: joint rates (M, nv) of the uncontrolled motion.
         """
         branch = replace(self.searched.branch, robot=self.robots[gravity])
-        static, centrifugal, inertial, *_ = PathForces.along(branch, s, closed)
+        static, centrifugal, inertial, *_ = PathForces.compute(branch, s, closed)
         forces = np.stack([static, centrifugal, inertial], axis=1)  # (M, 3, nv)
         return np.sum(forces * motion[:, None], axis=2)
 

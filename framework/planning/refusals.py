@@ -67,7 +67,7 @@ The optimal law:
         kinematics.continuation.tracking.uncontrolled_error
     NoLaw: a motor cannot hold or drive the robot at an end of the path, or limits are too low
         planning.optimal.undeformed_law.refuse_law
-    NoLaw: the motion starts too fast to brake within the limits
+    NoLaw: no law was found from the speed at the start, though from a slower one
         planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law

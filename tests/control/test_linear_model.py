@@ -249,7 +249,10 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
     )
     assert "--sweep" in refusal(2, *short, "--sweep", "colour=1..2")
     assert "bandwidth: needs a number" in refusal(2, *short, "--controller", "feedforward bandwidth=x")
-    assert "unknown gain 'width'" in refusal(2, *short, "--controller", "feedforward width=3")
+    assert "unknown gain of feedforward 'width'" in refusal(2, *short, "--controller", "feedforward width=3")
+    # six studies of a regulator without a bandwidth would be equal
+    sweep = ("--controller", "lqg", "--sweep", "bandwidth=5..40")
+    assert "unknown gain of lqg 'bandwidth'" in refusal(2, *short, *sweep)
     assert "2000 periods of 0.005 s" in refusal(2, *short, "--known-delay", "10")
     assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
 

@@ -42,7 +42,7 @@ def test_forces_of_a_motion_are_the_sum_of_their_terms(case, speed, acceleration
     load, path, wrenches = CASES[case]
     branch = track_path(load(), path).with_wrenches(ExternalWrenches.of(wrenches))
     robot, closed, one = branch.robot, branch.close(S), np.ones_like(S)
-    forces = PathForces.along(branch, S, closed)
+    forces = PathForces.compute(branch, S, closed)
     x, dx, ddx = time_derivatives(path, [S, speed * one, acceleration * one])
     np.testing.assert_array_equal(x, closed.x)
     expected = tree_forces(robot, branch.load_motion(motion_at(robot, closed, dx, ddx), S))

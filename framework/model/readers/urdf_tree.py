@@ -611,7 +611,7 @@ class UrdfTree(Tree):
             ((joint, arm),) = arms.items()
             self.fix(self.joints[joint], offset / arm)
             return True
-        coupling = Coupling.of_equation(equation, [coupling.joint for coupling in self.couplings])
+        coupling = Coupling.solve_equation(equation, [coupling.joint for coupling in self.couplings])
         self.couplings += [coupling] if coupling else []
         return coupling is not None
 

@@ -248,7 +248,7 @@ class SampledDemand(NamedTuple):
         pole_product = _pole_product(s, self.poles)
         *torques, speed = np.split(self.series(s), 5, axis=1)  # the five quantities of `series`
         terms = PathTerms(*(torque / pole_product for torque in torques))
-        return Demand.along(phi, sigma, terms, speed, friction=self.has_friction)
+        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:

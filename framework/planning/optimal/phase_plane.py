@@ -56,7 +56,7 @@ class AffineInSpeed(NamedTuple):
     per_u: Array
 
     @staticmethod
-    def along(phi: Smoothstep, sigma: Array, terms: PathTerms) -> AffineInSpeed:
+    def transform(phi: Smoothstep, sigma: Array, terms: PathTerms) -> AffineInSpeed:
         """Return terms of 1, s'^2 and s" as functions of z and u: s'^2 = phi'^2 z, s" = phi' u + phi" z."""
         dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
         per_z = terms.centrifugal * dphi**2 + terms.inertial * ddphi
@@ -87,7 +87,7 @@ class PathTerms(NamedTuple):
     def linearise(self, phi: Smoothstep, sigma: Array, z0: SquaredSpeed | None) -> AffineInSpeed:
         """Return the functions at sigma (M,), with damping linearised about a squared speed z0, if any."""
         damping = self.damping * phi(sigma, 1)[:, None]
-        affine = AffineInSpeed.along(phi, sigma, self)
+        affine = AffineInSpeed.transform(phi, sigma, self)
         return affine.with_damping(damping, None if z0 is None else z0(sigma))
 
 
@@ -100,14 +100,14 @@ class Demand(NamedTuple):
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt; None without dry friction
 
     @staticmethod
-    def along(phi: Smoothstep, sigma: Array, torque: PathTerms, speed: Array, *, friction: bool) -> Demand:
+    def compute(phi: Smoothstep, sigma: Array, torque: PathTerms, speed: Array, *, friction: bool) -> Demand:
         """Return the demand at sigma (M,) for torques by s', and speeds (M, n_a) over s'.
 
         Args:
             friction: whether dry friction acts on any motor.
         """
         dphi = phi(sigma, 1)[:, None]
-        affine = AffineInSpeed.along(phi, sigma, torque)
+        affine = AffineInSpeed.transform(phi, sigma, torque)
         return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None)
 
     def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
@@ -134,7 +134,7 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     robot = branch.robot
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
-    *forces, motion = PathForces.along(branch, s, closed)
+    *forces, motion = PathForces.compute(branch, s, closed)
     terms = balancing_torques(robot, closed.linearised, np.stack(forces)) / robot.gear_ratio
     # rotors resist the accelerations q" s'^2 + q' s" of the motors
     rotors = robot.rotor_inertia * robot.gear_ratio
@@ -142,7 +142,7 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     terms[1] += rotors * motion.a[:, robot.actuated]
     terms[2] += rotors * rates
     has_friction = bool(robot.joint_friction[robot.actuated].any())
-    return Demand.along(phi, sigma, PathTerms(*terms), rates * robot.gear_ratio, friction=has_friction)
+    return Demand.compute(phi, sigma, PathTerms(*terms), rates * robot.gear_ratio, friction=has_friction)
 
 
 def crossing_rows(
@@ -220,7 +220,7 @@ def _conditions_at_points(
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     uncontrolled = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    *forces, _motion = PathForces.along(branch, s, closed)
+    *forces, _motion = PathForces.compute(branch, s, closed)
     terms = PathTerms(*forces).linearise(phi, sigma, z0)  # of forces (M, nv)
     powers = np.stack(terms)[:, :, None] * uncontrolled  # (3, M, corank, nv)
     scales = np.abs(powers).sum(axis=3).max(axis=(0, 1))[:, None]

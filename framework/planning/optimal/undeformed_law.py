@@ -269,10 +269,11 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     evidence = evidence._replace(start_speed=_find_slower_start(problem))
     start = ""
     if evidence.start_speed is not None:
-        start = f" from s' = {problem.specification.ends.start[0]:g} 1/s, too fast to brake within the limits"
+        start = f" from s' = {problem.specification.ends.start[0]:g} 1/s"
     reason = f"no law of free shape was found{start}"
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
+        start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
     return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
 
