@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from framework.atlas.transmission import LinkageTransmission, MappingError
 from framework.numerics.arrays import IntArray
 from framework.show.captions import display_name
-from framework.show.style import legend_above
+from framework.show.style import CROSSING, legend_above, line_style
 
 PARTS = {"carried": "carried body", "links": "cranks and rods", "rotors": "rotors"}
 KNOWN = {
@@ -39,8 +39,8 @@ def plot_inertia(result: LinkageTransmission) -> Axes:
     panels = _panels(result.robot.n)
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
         line = _line(result, k)
-        for part, label in PARTS.items():
-            ax.semilogy(result.x[line, k], getattr(result, part)[line, k, k], label=label)
+        for j, (part, label) in enumerate(PARTS.items()):
+            ax.semilogy(result.x[line, k], getattr(result, part)[line, k, k], label=label, **line_style(j))
         ax.set_xlabel(f"{display_name(name)} [{result.robot.axis_units[k]}]")
         unit = "kg" if result.robot.translations[k] else "kg m²"
         ax.set_ylabel(f"inertia along {display_name(name)} [{unit}]")
@@ -60,10 +60,18 @@ def plot_limits(result: LinkageTransmission) -> Axes:
         else:
             for k, name in enumerate(result.robot.axis_names):
                 line = _line(result, k)
-                ax.plot(result.x[line, k], ends[line, :, k], label=display_name(name))
+                both = ax.plot(result.x[line, k], ends[line, :, k], **line_style(k))  # least and largest
+                both[0].set_label(display_name(name))
             ax.set_xlabel("along the axis [rad, m]")
-        ax.set_title(word, fontsize=8)
+            ax.set_ylabel(f"{word} [{_units(result, kind)}]")
+            legend_above(ax)
     return panels[0]
+
+
+def _units(result: LinkageTransmission, kind: str) -> str:
+    """Return the units of torques or speeds of the platform's axes."""
+    of_turns, of_slides = ("N m", "N") if kind == "wrenches" else ("rad/s", "m/s")
+    return ", ".join(dict.fromkeys(of_slides if slides else of_turns for slides in result.robot.translations))
 
 
 def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
@@ -71,17 +79,17 @@ def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
     lines = [_line(result, k) for k in (0, 1)]
     posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
     shown = dict.fromkeys([posture, *(int(line[end]) for line in lines for end in (0, -1))])
-    for pose in list(shown)[:SHOWN_POSTURES]:
+    for k, pose in enumerate(list(shown)[:SHOWN_POSTURES]):
         vertices = getattr(result.limits[pose], kind).vertices
         middle = vertices - vertices.mean(axis=0)
         order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
         corners = vertices[np.append(order, order[0])]
         place = ", ".join(f"{value:.2g}" for value in result.x[pose])
-        ax.plot(corners[:, 0], corners[:, 1], label=place)
-    names = [display_name(name) for name in result.robot.axis_names]
-    ax.set_xlabel(names[0])
-    ax.set_ylabel(names[1])
-    ax.legend(fontsize=6, title="at", title_fontsize=6)
+        ax.plot(corners[:, 0], corners[:, 1], label=f"at {place}", **line_style(k))
+    word = "torque" if kind == "wrenches" else "speed"
+    names = [f"{word} of {display_name(name)} [{_units(result, kind)}]" for name in result.robot.axis_names]
+    ax.set(xlabel=names[0], ylabel=names[1])
+    legend_above(ax, columns=2)
 
 
 def plot_mapping(result: LinkageTransmission) -> Axes:
@@ -90,10 +98,14 @@ def plot_mapping(result: LinkageTransmission) -> Axes:
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
         errors: list[MappingError] = [error for error in result.errors if error.axis == name]
         frequencies = [error.frequency for error in errors]
-        for key, label in KNOWN.items():
-            ax.loglog(frequencies, [getattr(error, key)[k] for error in errors], "o-", label=label, ms=3)
-        ax.loglog(frequencies, [error.carried[k] for error in errors], "k--", label="carried body needs")
+        for j, (key, label) in enumerate(KNOWN.items()):
+            values = [getattr(error, key)[k] for error in errors]
+            ax.loglog(frequencies, values, marker="o", ms=3, label=label, **line_style(j))
+        carried = [error.carried[k] for error in errors]
+        ax.loglog(frequencies, carried, color=CROSSING, linestyle=":", label="carried body needs")
+        ax.set_xticks(frequencies, [f"{frequency:g}" for frequency in frequencies])
+        ax.set_xticks([], minor=True)
         ax.set_xlabel(f"sine of {display_name(name)} [Hz]")
-        ax.set_ylabel("error of the mapped torque [N m, N]")
-    legend_above(panels[0])
+        ax.set_ylabel(f"error of the mapped torque [{'N' if result.robot.translations[k] else 'N m'}]")
+    legend_above(panels[0], columns=2)
     return panels[0]
