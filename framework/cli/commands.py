@@ -127,7 +127,7 @@ COMMANDS = {
         "a linkage as a transmission: inertia, limits, friction and backlash that a joint feels behind it, "
         "and the error of a static mapping of torques",
         (
-            "crossing transmission humanoid_knee --points 5",
+            "crossing transmission five_bar --lower 0 .3 --upper .05 .35 --posture 0 .33",
             "crossing transmission humanoid_ankle --out ankle",
         ),
         "transmission",
