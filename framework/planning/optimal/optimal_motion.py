@@ -281,6 +281,10 @@ class _ElasticSearch:
                 report_result(_describe_cost(self.task, motion))
                 is_settled = self.balance is None or _has_predicted_peak(motion)
 
+            if excess > 1.0 and self._is_smoother_cheaper(excess):
+                self._choose_smoother(self._refuse_excess())
+                continue
+
             # end, or linearise about the motion and search again
             if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
@@ -297,14 +301,27 @@ class _ElasticSearch:
 
     def _refuse(self, failure: NoAnswer) -> NoAnswer:
         """Return the refusal after a failure: limits are named only if a motion exceeded them."""
-        if not 1.0 < self.least_excess < np.inf:
-            return self.first_failure or failure
+        if 1.0 < self.least_excess < np.inf:
+            return self._refuse_excess()
+        return self.first_failure or failure
+
+    def _refuse_excess(self) -> NotConverged:
+        """Return the refusal that the motions found exceed the limits, with the least excess."""
         excess, _ = format_distinct(self.least_excess, 1.0)
         return NotConverged(
             f"{self.task.robot.name}: no law was found whose motion with springs keeps the limits: "
             f"the nearest motion found takes {excess} times the limits",
             residual=self.least_excess - 1.0,
         )
+
+    def _is_smoother_cheaper(self, excess: float) -> bool:
+        """Return whether the next stage costs less than limits divided by an excess, without a response.
+
+        Durations grow as the root of what torques are divided by. The next stage costs its share.
+        """
+        if self.balance is not None or self.stage + 1 == len(self.stages):
+            return False
+        return np.sqrt(excess) - 1.0 > self.stages[self.stage + 1].share
 
     def _try_nearer(self) -> bool:
         """Lower the trusted share for one more law; return False after the least share."""
