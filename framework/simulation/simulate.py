@@ -350,12 +350,7 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: str,
-    tolerance: float | None,
-    step: float | None,
-    stages: int | None,
-    *,
-    stage_range: tuple[int, int] = (3, 30),
+    method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
@@ -367,6 +362,7 @@ def _method_settings(
     Raises:
         InvalidInput: a number is out of range, or the method has no such setting.
     """
+    stage_range = (3, 30)
     settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:
