@@ -128,10 +128,11 @@ def test_gravity_and_torques_are_disturbances_in_their_units():
     np.testing.assert_allclose(columns[:, :, 2], 0.0, atol=1e-9)  # along z, across the plane
 
 
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
 @pytest.mark.parametrize(("name", "sensors"), [("lqr", "joints"), ("lqg", "motors")])
-def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay):
-    ref = reference("five_bar", "C", "flexible_links", 2e-3)
+def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay, flexibility):
+    ref = reference("five_bar", "C", flexibility, 2e-3)
     loop = ControlLoop(sensors=sensors, delay=delay)
     controller = tuned_controller(name, ref, loop=loop, spread=WRONG)
     run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
