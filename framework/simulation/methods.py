@@ -5,7 +5,7 @@ Methods reference and stiff are collocation (`collocate`), method fast takes the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -123,7 +123,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         )
     edges = np.linspace(0.0, task.duration, count + 1)
     record = RunRecord(task, event_samples=1)
-    trajectory = _collect_steps(record, _fixed_steps(task, edges), edges)
+    trajectory = _take_fixed_steps(record, edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
     if error > FIXED_STEP_ERROR:
@@ -138,64 +138,47 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
 
 
-class FixedStep(NamedTuple):
-    """A step of fixed length."""
+def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
+    """Take steps of `Stepper` between the instants `edges` (K + 1,), until the end or a terminal event.
 
-    end: State
-    power: float  # mean power of motors and external wrenches minus that of damping [W]
-
-
-def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps of `Stepper` between the instants `edges` (K + 1,) under the torque in their middle.
-
-    A feedback torque responds to the state at the beginning of a step, as a digital controller does. External
-    wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
-    the work of constant forces along the step.
-    """
-    drive = task.drive
-    robot = task.equations.robot
-    stepper = Stepper.from_equations(task.equations)
-    h = task.duration / (len(edges) - 1)
-    middles = edges[:-1] + 0.5 * h
-    torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
-    q, v = task.start
-    for k in range(len(middles)):
-        if torques is not None:
-            torque = torques[k]
-        else:
-            torque = drive(edges[k : k + 1], q[None], v[None])[0]
-        world = np.zeros_like(v)  # generalised forces of the external wrenches
-        if drive.world.acts:
-            world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
-        end = stepper.step(q, v, torque, h, world=world)
-        mean = 0.5 * (v + end.v)  # (nv,)
-        supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
-        dissipated = mean**2 @ task.equations.damping
-        yield FixedStep(end, float(supplied - dissipated))
-        q, v = end
-
-
-def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) -> Cubics:
-    """Collect the motion of steps between the instants `edges`, until the end or a terminal event.
+    The torque of a step is that in its middle. A feedback torque responds to the state at the beginning of a
+    step, as a digital controller does. External wrenches are those at the predicted middle of a step. The
+    power is that at the mean velocity, which gives the work of constant forces along the step.
 
     Raises:
         NotConverged: the motion diverges.
     """
-    robot = record.task.equations.robot
-    states = [record.task.start]
+    task = record.task
+    drive, robot = task.drive, task.equations.robot
+    stepper = Stepper.from_equations(task.equations)
+    h = task.duration / (len(edges) - 1)
+    middles = edges[:-1] + 0.5 * h
+    torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
+    states = [task.start]
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
-        for k, step in enumerate(steps):
-            start = float(edges[k])
-            length = float(edges[k + 1] - edges[k])
-            if not all(np.all(np.isfinite(part)) for part in step.end):
+        for k in range(len(middles)):
+            q, v = states[-1]
+            if torques is not None:
+                torque = torques[k]
+            else:
+                torque = drive(edges[k : k + 1], q[None], v[None])[0]
+            world = np.zeros_like(v)  # generalised forces of the external wrenches
+            if drive.world.acts:
+                world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
+            end = stepper.step(q, v, torque, h, world=world)
+            if not all(np.all(np.isfinite(part)) for part in end):
                 raise NotConverged(
-                    f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
-                    f"singular there; the steps are of {length:.3g} s (method stiff chooses its own)",
-                    residual=start,
+                    f"{robot.name}: the simulation runs away at t = {edges[k]:.9g} s, or its equations are "
+                    f"singular there; the steps are of {h:.3g} s (method stiff chooses its own)",
+                    residual=float(edges[k]),
                 )
-            states.append(step.end)
+            states.append(end)
+
+            mean = 0.5 * (v + end.v)  # (nv,)
+            supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean  # [W]
+            work = h * float(supplied - mean**2 @ task.equations.damping)  # less what damping dissipates
             piece = Cubics(robot, edges[k : k + 2], *stack_states(states[-2:]))
-            if record.add_step(piece, length * step.power, length * abs(step.power)):
+            if record.add_step(piece, work, abs(work)):
                 break
     return Cubics(robot, edges[: len(states)], *stack_states(states))
 
