@@ -118,7 +118,8 @@ AXIS = """\
     motors' angles        {gear} per unit of the axis; constant armature at the posture {armature:.4g}
     torque [N m, N]       least {torque[0]}, largest {torque[1]}
     speed                 largest {speed[1]}
-    reflected             dry friction {friction}; backlash of 1 at all motors' joints {backlash_gain}{play}"""
+    reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
+{play}"""
 PLAY = "\n    play                  {} with motors at rest, by the backlash in the robot file"
 ROW = (
     "    {axis}\t{frequency:g} Hz\t{nothing_known:.3g}\t{constant_armature:.3g}\t{own_armature:.3g}"
