@@ -105,7 +105,8 @@ def closed_loop_deviation(
         """Return the standard deviations (R, ...) of values (R, ..., columns)."""
         with np.errstate(over="ignore"):  # of torques of a loop that diverges
             squares: Array = values**2
-        variance = squares[..., :starts].sum(axis=-1) + squares[..., starts:].sum(axis=-1) / NOISE_SAMPLES
+            noise_part = squares[..., starts:].sum(axis=-1) / NOISE_SAMPLES
+            variance = squares[..., :starts].sum(axis=-1) + noise_part
         return np.where(is_lost[:, None], np.inf, np.sqrt(variance))
 
     for k in range(count):
