@@ -445,7 +445,13 @@ def test_where_the_answer_is_no_the_exit_code_is_1(refusal, tmp_path, command, w
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", [["check"], ["locate", "--scene", "C"], ["plan", "--scene", "C"]])
+SLOW = pytest.mark.slow  # all commands take the same search
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["check"], pytest.param(["locate"], marks=SLOW), pytest.param(["plan", "--scene", "C"], marks=SLOW)],
+)
 def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
     far = write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),))  # motors 1.6 m apart, 1 m of links
     name, *options = command
