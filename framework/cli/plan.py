@@ -49,7 +49,6 @@ from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
-from framework.proofs.working_modes import working_modes
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
@@ -191,6 +190,8 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
         InvalidInput: an unknown motor, or no pose with these legs flipped.
         NoAnswer: no line in joints leads there.
     """
+    from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
+
     for motor in motors:
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
