@@ -49,10 +49,10 @@ def add_simulate_options(parser: OneLineParser) -> None:
         "--method",
         choices=tuple(METHODS),
         default="reference",
-        help="reference: steps to 1e-12; stiff: to 1e-7; fast, explicit: fixed ones (default: reference)",
+        help="reference: steps to 1e-12; stiff: to 1e-7; fast: fixed ones; explicit (deprecated): reference",
     )
     add_number(group, "--tolerance", "E", "largest error of reference and stiff [rad, robot lengths]")
-    add_number(group, "--step", "H", "time step of fast and explicit, longest one of others [s]")
+    add_number(group, "--step", "H", "time step of fast, longest one of others [s]")
     add_number(group, "--damping", "D", "viscous, on every joint [N m s/rad, N s/m]")
     parser.add_argument(
         "--sensors",

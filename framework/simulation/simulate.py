@@ -23,6 +23,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -305,15 +306,13 @@ def simulate(
             torque(t) or as feedback torque(t, q, v).
         method: reference (collocation to `tolerance`, 1e-12); stiff (the same with fewer stages and 1e-7:
             fast vibrations that nothing excites cost nothing); fast (fixed steps of order 2, 1e-3 s, with the
-            torque constant over a step, as in a control loop); explicit (fixed steps of order 8 by
-            pinocchio's contact dynamics: the fastest if every joint moves some mass and every loop is a
-            point or a weld).
+            torque constant over a step, as in a control loop). Deprecated: explicit, which is reference.
         start, start_velocity: q (nq,) and v (nv,) at t = 0. By default they come from the planned motion (if
             it was planned with other springs: the assembled pose of its first point, at rest), else they are
             the assembled reference and rest. From there the loops are closed and massless parts balanced.
         duration: [s]; by default that of the planned motion.
         tolerance: what a step of reference or stiff may leave unresolved [rad, robot lengths].
-        step: fixed step of fast and explicit, longest step of the others [s].
+        step: fixed step of fast, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
         damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
         wrenches: external wrenches by link or joint, each on this body at its origin, (force, moment) (6,)
@@ -321,8 +320,8 @@ def simulate(
             planned motion, which determines s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
-        samples: number of equidistant instants in the result of reference and stiff; the other methods
-            return the ends of their steps.
+        samples: number of equidistant instants in the result of reference and stiff; fast returns the ends of
+            its steps.
         progress: called with the finished share of the motion, 0 to 1.
 
     Raises:
@@ -334,6 +333,8 @@ def simulate(
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
+    if method == "explicit":
+        warn("method explicit goes in 0.10: it is reference", DeprecationWarning, stacklevel=2)
     for event in events if isinstance(events, list | tuple) else [events]:
         expect("events", event, Event, "Event(lambda t, q, v: q[0])")
     settings = _method_settings(method, tolerance, step, stages)
@@ -364,12 +365,7 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: str,
-    tolerance: float | None,
-    step: float | None,
-    stages: int | None,
-    *,
-    stage_range: tuple[int, int] = (3, 30),
+    method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
@@ -381,6 +377,7 @@ def _method_settings(
     Raises:
         InvalidInput: a number is out of range, or the method has no such setting.
     """
+    stage_range = (3, 30)
     settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:
