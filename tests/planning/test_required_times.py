@@ -79,6 +79,16 @@ def test_times_near_the_planners_own_are_not_refused(k):
         np.testing.assert_allclose([crossing.time for crossing in plan.crossings], times * ratio, rtol=1e-9)
 
 
+@pytest.mark.parametrize("k", [12, pytest.param(3, marks=pytest.mark.slow)])
+def test_the_polynomials_own_times_are_answered_by_a_law_as_gentle(k):
+    one = rigid_crossing(k)
+    own = plan_crossing(one.robot, one.path, duration=one.duration, law="polynomial")
+    times = [crossing.time for crossing in own.crossings]
+    again = plan_crossing(one.robot, one.path, duration=one.duration, times=times)
+    assert again.law.degree == own.law.degree
+    assert max(again.peak_torque.values()) <= 1.01 * max(own.peak_torque.values())
+
+
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
 def test_an_early_time_is_met_by_a_law_of_higher_degree_and_simulated(flexibility):
     """The polynomials of degree 8 and 12 turn back there."""
