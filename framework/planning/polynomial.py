@@ -18,7 +18,7 @@ from framework.dynamics.inverse_dynamics import choose_failure, resolve
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
@@ -57,30 +57,59 @@ def plan_polynomial(
     request: Request,
     *,
     searched: bool = True,
-    raised: Timing | None = None,
-    raises_left: int = 2,
 ) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Where it does not advance at required times, the degree is raised. Deflections shift the crossing points.
-    `resolve` computes them in passes, and each pass solves for a law of its own, with the times and speeds of
-    the first. If the passes do not converge, law and deflections are solved for together. The first law and
-    the last one must advance.
+    At required times the degree is raised where the least one does not advance. It is raised further where
+    deflections or torques are not resolved: of more coefficients the law bends less.
 
     Args:
         searched: whether open times and speeds are searched if none of the first ones will do.
-        raised: times, speeds and high coefficients for the crossings of the deflected robot.
-        raises_left: how often these may be found anew if deflections make the law turn back.
+
+    Raises:
+        InvalidInput, NoAnswer: as `plan_crossing`.
+    """
+    law, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
+    degree, first_failure = law.degree, None
+    while True:
+        try:
+            return _plan_through(to_cross, request, timing, high)
+        except SpringsTooSoft:  # whatever the law
+            raise
+        except NotConverged as failure:
+            first_failure = first_failure or failure
+        raised = None
+        if request.times:
+            raised = _raise_degree(_undeformed_crossings(to_cross), request, above=degree)
+        if raised is None:
+            raise first_failure
+        (timing, high), degree = raised
+
+
+def _plan_through(
+    to_cross: PathToCross,
+    request: Request,
+    timing: tuple[CrossingTime, ...],
+    high: Array,
+    *,
+    raises_left: int = 2,
+) -> CrossingPlan:
+    """Plan with the polynomial through crossings at given times and speeds.
+
+    Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
+    of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
+    solved for together. The last law must advance.
+
+    Args:
+        timing: times and speeds of the crossings.
+        high: coefficients of the law above its least degree.
+        raises_left: how often both may be found anew if deflections make the law turn back.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    if raised is None:
-        undeformed, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
-    else:
-        timing, high = raised
-        undeformed = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
+    undeformed = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
@@ -118,10 +147,12 @@ def plan_polynomial(
         except NoLaw:
             if request.times is None or not raises_left:
                 raise
-            raised = _raise_degree(_deformed_crossings(tracker, dynamics.deflection), request)
+            deformed = _deformed_crossings(tracker, dynamics.deflection)
+            raised = _raise_degree(deformed, request, above=law.degree - 1)
             if raised is None:
                 raise
-            return plan_polynomial(to_cross, request, raised=raised, raises_left=raises_left - 1)
+            (timing, high), _ = raised
+            return _plan_through(to_cross, request, timing, high, raises_left=raises_left - 1)
     # the last pass has found the conditions, unless the motion meets other points or the user imposes some
     handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
     return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
@@ -340,18 +371,26 @@ def undeformed_polynomial(
         if raised is None:
             refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
             raise
-        timing, high = raised
+        (timing, high), _ = raised
         return _solve_law(crossings, timing, request, name, high), timing, high
 
 
-def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Timing | None:
-    """Find times, speeds and high coefficients of a law of higher degree that advances; None without one."""
+def _raise_degree(
+    crossings: Sequence[PlannedCrossing], request: Request, *, above: int = 0
+) -> tuple[Timing, int] | None:
+    """Find times, speeds, high coefficients and degree of a law that advances; None without one.
+
+    Args:
+        above: a degree; only higher ones are tried.
+    """
     from framework.planning.raised_polynomial import RaisedDegree  # slow to import, seldom needed
 
     assert request.times is not None
     places = [point.s for point, _ in crossings]
     conditions = [condition for _, condition in crossings]
     for degree in RAISED_DEGREES:
+        if degree <= above:
+            continue
         search = RaisedDegree(
             degree,
             request.fixed_duration,
@@ -368,7 +407,7 @@ def _raise_degree(crossings: Sequence[PlannedCrossing], request: Request) -> Tim
         timing = _crossing_times(np.array([request.times, raised.speeds]))
         law = _solve_law(crossings, timing, request, "", raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
-            return timing, raised.high
+            return (timing, raised.high), degree
     return None
 
 

@@ -13,7 +13,7 @@ from framework import Line, NoAnswer, NoLaw, plan_crossing, simulate
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.request import Request
 from framework.singularity.points_on_path import search_path
-from tests.dynamics.upright_robots import Crossing, rigid_crossing
+from tests.dynamics.upright_robots import Crossing, drawn, is_right, judged, rigid_crossing
 from tests.oracles.equations_of_motion import defects_of
 from tests.oracles.monotone_laws import advances
 
@@ -79,6 +79,16 @@ def test_times_near_the_planners_own_are_not_refused(k):
         np.testing.assert_allclose([crossing.time for crossing in plan.crossings], times * ratio, rtol=1e-9)
 
 
+@pytest.mark.parametrize("k", [12, pytest.param(3, marks=pytest.mark.slow)])
+def test_the_polynomials_own_times_are_answered_by_a_law_as_gentle(k):
+    one = rigid_crossing(k)
+    own = plan_crossing(one.robot, one.path, duration=one.duration, law="polynomial")
+    times = [crossing.time for crossing in own.crossings]
+    again = plan_crossing(one.robot, one.path, duration=one.duration, times=times)
+    assert again.law.degree == own.law.degree
+    assert max(again.peak_torque.values()) <= 1.01 * max(own.peak_torque.values())
+
+
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
 def test_an_early_time_is_met_by_a_law_of_higher_degree_and_simulated(flexibility):
     """The polynomials of degree 8 and 12 turn back there."""
@@ -88,6 +98,16 @@ def test_an_early_time_is_met_by_a_law_of_higher_degree_and_simulated(flexibilit
     assert plan.certificate.monotone
     assert plan.crossings[0].time == pytest.approx(0.55, abs=1e-12)
     assert simulate(robot, plan).tracking_error < 1e-9
+
+
+@pytest.mark.slow
+def test_springs_follow_a_law_of_still_higher_degree():
+    """The first degree at which the rigid law advances bends too much for deflections to be found."""
+    one = drawn(23)
+    time = one.duration * float(np.random.default_rng([55, 23]).uniform(EARLIEST, LATEST))
+    plan = plan_crossing(one.robot(1.0), one.path, duration=one.duration, times=[time])
+    assert plan.crossings[0].time == pytest.approx(time, rel=1e-9)
+    assert is_right(judged(plan))
 
 
 def test_a_given_speed_is_met_too():
