@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotConverged, check_choice
+from framework.errors import InvalidInput, NotAssembled, NotConverged, check_choice
 from framework.identification.base_parameters import random_poses
 from framework.identification.combinations import (
     COEFFICIENT_ROUNDING,
@@ -380,7 +380,10 @@ def _choose_further_poses(
     Fedorov, "Theory of Optimal Experiments", 1972).
     """
     geometry, measured = solver.geometry, solver.measured
-    q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
+    try:
+        q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
+    except NotAssembled:  # no platform poses beside the reference
+        return FurtherPoses(np.empty((0, geometry.model.n)), solver.deviations)
     is_within = ~shares_beyond_limits(geometry.model.limits, q).any(axis=1)
     q, x = q[is_within], x[is_within]
     blank = replace(measured, values=np.zeros((len(q), len(measured.names))))  # equations do not need these
