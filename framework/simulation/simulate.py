@@ -41,6 +41,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, require_closed_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.platform import JointPlatform
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
@@ -62,6 +63,8 @@ class Simulation(ReadOnlyArrays):
             for a platform that only turns, the largest angle [rad]. None without a planned motion.
         turning_error: largest angle from the planned attitude [rad]; None unless the platform both moves and
             turns, and a planned motion exists.
+        frame_error: largest distance [m] of the platform's frame from its planned place; None unless the
+            platform's coordinates are positions of joints, and a motion of this robot is planned.
         closure_error: largest residual of all loop equations, redundant ones included, at `times` and at the
             ends of all steps [m or rad].
         energy_error: largest difference, at the ends of steps, between the change of kinetic, elastic and
@@ -78,6 +81,7 @@ class Simulation(ReadOnlyArrays):
     v: Array  # (T, nv)
     tracking_error: float | None
     turning_error: float | None
+    frame_error: float | None
     closure_error: float
     energy_error: float
     unresolved: float
@@ -116,7 +120,7 @@ class Simulation(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Return method, errors, steps, events and computing time of the result, for JSON."""
-        errors = ("tracking_error", "turning_error", "closure_error", "energy_error")
+        errors = ("tracking_error", "turning_error", "frame_error", "closure_error", "energy_error")
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
@@ -172,6 +176,7 @@ def simulation_result(
     edge_q, edge_v = trajectory(edges)  # at the ends of all steps
 
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
+    frame_error = None if planned is None else _frame_error(robot, planned, times, q)
     return Simulation(
         robot=robot,
         method=method,
@@ -180,6 +185,7 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
+        frame_error=frame_error,
         closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_q)),
         energy_error=_energy_error(equations, run, edge_q, edge_v),
         unresolved=run.unresolved,
@@ -262,6 +268,15 @@ def _path_errors(
     errors = [float(np.linalg.norm(offset[:, mask], axis=1).max()) for mask in masks]
     tracking_error, *turning_error = errors  # a platform that only moves or only turns has one error
     return tracking_error, turning_error[0] if turning_error else None
+
+
+def _frame_error(robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array) -> float | None:
+    """Compute `frame_error` [m] of a `Simulation` at times (T,) [s] and q (T, nq)."""
+    planned_q = planned.configuration(np.minimum(times, planned.duration))
+    if not isinstance(robot.platform, JointPlatform) or planned_q.shape != q.shape:  # with other springs
+        return None
+    offset = frames_at(robot, q).platform_origin - frames_at(robot, planned_q).platform_origin  # (T, 3)
+    return float(np.linalg.norm(offset, axis=1).max())
 
 
 def simulate(

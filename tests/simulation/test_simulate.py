@@ -77,6 +77,7 @@ def test_crossings_of_other_robots(name, flexibility, scene, apart):
     result = simulate(other, plan)
     assert result.tracking_error < apart
     assert (result.turning_error is None) == (len(set(other.translations)) != 2)
+    assert (result.frame_error is None) == (not other.description.platform.joints)
     assert result.turning_error is None or result.turning_error < apart
 
 
