@@ -12,7 +12,8 @@ carried body. The rest of the motors' torque is the error of that mapping,
 
 of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + G' dx) with the
 posture's own G nearly all: what is left are the cranks and rods. Dry friction and backlash of the motors'
-joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2.
+joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with motors at rest
+the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ class LinkageTransmission(ReadOnlyArrays):
     rotors: Array  # (P, n, n)
     friction: Array  # (P, n) [N m, N] dry friction of motors' joints, in any direction
     backlash: Array  # (P, n) [rad, m] of the platform by backlash 1 of each motor's joint
+    play: Array  # (P, n) [rad, m] of the platform by the backlash in the robot file
     limits: tuple[PlatformLimits, ...]  # (P,)
     posture: Array  # (n,)
     armature: Array  # (n, n) G' I G at the posture
@@ -143,6 +145,7 @@ def transmission(
     carried = transposed @ mass_matrices(_with_bodies(robot, carried=True), q) @ N
     links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
     motors = G / robot.gear_ratio[:, None]  # dq_a/dx
+    reflected = np.abs(np.linalg.inv(motors))  # (P, n, n_a)
     G0, _ = _rates(robot, assemble(robot, x0).q[None])
     return LinkageTransmission(
         robot=robot,
@@ -153,7 +156,8 @@ def transmission(
         links=links,
         rotors=_rotor_inertia(robot, G),
         friction=np.abs(motors).swapaxes(1, 2) @ robot.joint_friction[robot.actuated],
-        backlash=np.abs(np.linalg.inv(motors)).sum(axis=2),
+        backlash=reflected.sum(axis=2),
+        play=reflected @ np.array([actuator.backlash for actuator in robot.description.actuators]),
         limits=tuple(limits),
         posture=x0,
         armature=_rotor_inertia(robot, G0)[0],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,6 @@ from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
-from framework.proofs.working_modes import working_modes
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
@@ -63,6 +63,12 @@ FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "p
 # files of a plan that a new plan in the same folder replaces, also those that the new one does not have
 OF_A_PLAN = ("report.html", *FIGURE_FILES)
 
+ROBUST = (
+    "  robust            margin {0.margin:.1%}: lqg with {0.trial.sensors} is predicted to deviate by "
+    "{0.prediction.platform:.2g} robot lengths or rad in one standard deviation; {0.trial.passed} of "
+    "{0.trial.runs} wrong robots passed"
+)
+COST = "  its cost          {:+.2%} of the duration, {:+.2%} of the peak torque, against no margin"
 RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 
@@ -95,6 +101,17 @@ def add_plan_options(parser: OneLineParser) -> None:
         metavar="P",
         help="where no law can cross, bend the path as little as helps, at most 5%% of its length, ends "
         "kept, and say what larger bends need; or by this share of its length, such as 0.5%%",
+    )
+    robust = parser.topic("feedback")
+    robust.add_argument(
+        "--robust",
+        nargs="+",
+        metavar="NAME=P",
+        help="leave the controller lqg the least margin on the torque limits with which robots pass that "
+        "differ by these shares, such as payload=10%% stiffness=20%% friction=5%%; say what it costs",
+    )
+    robust.add_argument(
+        "--sensors", nargs="+", metavar="NAME", help="that lqg reads, as in robustness (default: motors)"
     )
     add_out(parser, "write plan.json, motion.csv and figures there")
     parser.add_argument(
@@ -173,6 +190,8 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
         InvalidInput: an unknown motor, or no pose with these legs flipped.
         NoAnswer: no line in joints leads there.
     """
+    from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
+
     for motor in motors:
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
@@ -207,6 +226,10 @@ def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
         ).advising({"bend": None})
     if options.bend is not None and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out").advising({"raw": None})
+    if options.robust and (options.raw or options.bend is not None):
+        raise InvalidInput("--robust: of a plan with a proof, on the path as it is; leave --raw, --bend out")
+    if options.sensors and not options.robust:
+        raise InvalidInput("--sensors: of the controller that --robust asks for").advising({"sensors": None})
     if asks_for_rows and options.raw:
         raise InvalidInput("--rate, --columns: of a plan's rows; leave --raw out")
     if options.at is not None and options.raw:
@@ -245,6 +268,8 @@ def _make_plan(
     bend = options.bend
     progress = options.progress
     progress.start("planning")
+    if options.robust:
+        return _plan_robustly(options, robot, request)
     if bend is None:
         with end_searches_by_ctrl_c(lambda words: progress.start(IMPROVING.format(words))):
             plan = plan_or_advise(robot, request)
@@ -268,6 +293,41 @@ def _make_plan(
     document = modified._asdict() | {"choices": [choice._asdict() for choice in modified.choices]}
     plan = document.pop("plan")
     return plan, {"bend": document}, [fact.line for fact in facts]
+
+
+def _plan_robustly(
+    options: Namespace, robot: ParallelRobot, request: Request
+) -> tuple[CrossingPlan, Document, list[str]]:
+    """Plan with the least margin that --robust needs; return also its document and lines."""
+    from framework.control.robust_plan import plan_robustly
+    from framework.control.sensors import ControlLoop
+    from framework.control.variations import Spread
+
+    shares = dict.fromkeys(("payload", "stiffness", "friction"), 0.0)
+    for word in options.robust:
+        name, _, size = word.partition("=")
+        check_choice("--robust", name, shares)
+        shares[name] = arguments.share(f"--robust {name}", size)
+    if request.margin:
+        raise InvalidInput("--margin: --robust finds it; leave one of them out").advising({"margin": None})
+    robust = plan_robustly(
+        lambda margin: plan_or_advise(robot, replace(request, margin=margin)),
+        Spread(**shares),
+        loop=ControlLoop(sensors=" ".join(options.sensors or ["motors"])),
+    )
+    plan, unguarded = robust.plan, robust.unguarded
+    longer = plan.duration / unguarded.duration - 1
+    torque = max(plan.peak_torque.values()) / max(unguarded.peak_torque.values()) - 1
+    document = {
+        "margin": robust.margin,
+        "spread": shares,
+        "predicted": asdict(robust.prediction),
+        "tried": robust.trial._asdict(),
+        "duration_without": unguarded.duration,
+        "peak_torque_without": unguarded.peak_torque,
+    }
+    lines = [ROBUST.format(robust), COST.format(longer, torque)] if robust.margin else [ROBUST.format(robust)]
+    return plan, {"robust": document}, lines
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:

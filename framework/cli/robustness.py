@@ -6,7 +6,7 @@ import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +26,12 @@ from framework.control.by_name import CONTROLLERS, GAINS, split_label
 from framework.control.closed_loop import Run
 from framework.control.controllers import Controller
 from framework.control.linear_model import DISTURBANCES
-from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
+from framework.control.prediction import LoopPrediction, predict_by_sensors, suggest_sensors
 from framework.control.regulators import Tuning
 from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
     FILE,
+    SensorTrial,
     Study,
     StudySetup,
     library_versions,
@@ -71,11 +72,20 @@ FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 PREDICTED = "  predicted         standard deviation of the platform under lqg, in robot lengths or rad: {}"
 LEAST = "  least sensors     {}; studied with {}"
+TRIED = "  tried             lqg on robots beside those of the study: {}"
 WARNING = (
-    "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad in one "
-    "standard deviation: runs will fail the tolerance {1:.4g}"
+    "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad and "
+    "{0.torque:.2g} of the peak torques in one standard deviation: runs will fail the tolerance {1:.4g} or "
+    "the torque limits"
 )
-NO_SENSORS = "no sensors keep the predicted standard deviation under half of the tolerance {:.4g}: {}"
+SOME_DIVERGE = (
+    "{0.controller} with {0.sensors} is predicted to fail with {1:.0%} of the combinations tried of springs "
+    "at the ends of their spread"
+)
+NO_SENSORS = (
+    "no sensors keep the predicted standard deviation of the platform within the tolerance {:.4g}: {}"
+)
+NO_TRIAL = "no sensors pass in all trial runs: {}"
 SWEPT = 6  # values of a sweep
 STORED_RUNS = 25  # in a stored chunk, at most
 MAX_RUNS = 1_000_000
@@ -169,7 +179,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
         default=["motors"],
         metavar="NAME",
         help=f"of {', '.join(SENSORS)} and elbows:JOINT; joints are all, with the platform; or suggest, for "
-        "the least that lqg is predicted to pass with (default: motors)",
+        "the least that lqg is predicted to pass with, and passes with in trial runs (default: motors)",
     )
     add_number(loop, "--known-delay", "T", "from measurement to torque [s], of all (default: 0)", default=0.0)
     add_number(
@@ -215,17 +225,23 @@ def run_robustness(options: Namespace) -> Report:
     options.progress.start("predicting")
     suggests = options.sensors == ["suggest"]
     try:
-        predictions = predict_by_sensors(setup.reference, setup.loop, setup.spread, tuning=setup.tuning)
+        predictions = predict_by_sensors(
+            setup.reference, setup.loop, setup.spread, models=setup.linear_models
+        )
     except FrameworkError:  # the linear model does not exist
         if suggests:
             raise
         predictions = []
+    trials: list[SensorTrial] = []
     if suggests:
         options.controller = options.controller or ["lqg"]
-        chosen = suggest_sensors(predictions, setup.loop.tolerance)
-        if chosen is None:
+        options.progress.start("trying sensors")
+        trials = setup.try_sensors(predictions)
+        if not trials:
             raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
-        setup = replace(setup, loop=replace(setup.loop, sensors=chosen.sensors))
+        if trials[-1].passed < trials[-1].runs:
+            raise NoAnswer(NO_TRIAL.format(_list_trials(trials)))
+        setup = setup.with_sensors(trials[-1].sensors)
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
     out = None if options.out is None else Path(options.out)
     stores = {name: run_store(out, setup.to_dict(), name) for name in controllers if out is not None}
@@ -238,11 +254,12 @@ def run_robustness(options: Namespace) -> Report:
     unit = f"of {options.runs * len(stores)} runs"
     with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _run_studies(options, setup, controllers, stores)
-        document = _make_document(setup, studies, out) | {"predicted": [asdict(one) for one in predictions]}
-        for name, controller in controllers.items():
-            one = _predict_study(name, controller, setup)
-            if one is not None and not one.is_within(setup.loop.tolerance):
-                options.warnings.append(WARNING.format(one, setup.loop.tolerance))
+        document = _make_document(setup, studies, out) | {
+            "predicted": [asdict(one) for one in predictions],
+            "tried": [one._asdict() for one in trials],
+        }
+        if predictions:  # there are linear models
+            options.warnings += _warn(setup, controllers)
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
@@ -271,17 +288,26 @@ def _make_setup(options: Namespace) -> StudySetup:
     )
 
 
-def _predict_study(name: str, controller: Controller, setup: StudySetup) -> LoopPrediction | None:
-    """Return the prediction of a controller; None without a linear model."""
-    try:
-        return predict(name, controller, setup.loop, setup.spread)
-    except FrameworkError:
-        return None
+def _warn(setup: StudySetup, controllers: dict[str, Controller]) -> list[str]:
+    """Return a warning for each controller whose runs are predicted to fail."""
+    warnings: list[str] = []
+    for name, controller in controllers.items():
+        one = setup.linear_models.predict(name, controller, setup.loop)
+        if one is not None and not one.is_within(setup.loop.tolerance):
+            warnings.append(WARNING.format(one, setup.loop.tolerance))
+        elif one is not None and one.ends < 1:
+            warnings.append(SOME_DIVERGE.format(one, 1 - one.ends))
+    return warnings
 
 
 def _list_predictions(predictions: list[LoopPrediction]) -> str:
     """Return the predictions in words, by sensors."""
     return ", ".join(f"{one.sensors} {one.platform:.1e}" for one in predictions)
+
+
+def _list_trials(trials: Sequence[SensorTrial]) -> str:
+    """Return the trials in words, by sensors."""
+    return ", ".join(f"{one.sensors} {one.passed} of {one.runs} passed" for one in trials)
 
 
 def _parse_tolerance(text: str, length: float) -> float:
@@ -396,6 +422,8 @@ def _format_studies(document: Document) -> list[str]:
         lines.append(PREDICTED.format(_list_predictions(predictions)))
         chosen = suggest_sensors(predictions, document["tolerance"])
         lines.append(LEAST.format("none of these" if chosen is None else chosen.sensors, document["sensors"]))
+    if document["tried"]:
+        lines.append(TRIED.format(_list_trials([SensorTrial(**one) for one in document["tried"]])))
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]

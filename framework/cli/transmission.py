@@ -88,6 +88,7 @@ def _make_document(result: LinkageTransmission) -> Document:
             "gear": _range(np.linalg.norm(result.gear[:, :, k], axis=1)),
             "friction": _range(result.friction[:, k]),
             "backlash_gain": _range(result.backlash[:, k]),
+            "play": _range(result.play[:, k]),
             "armature": result.armature[k, k],
         }
     return {
@@ -117,7 +118,9 @@ AXIS = """\
     motors' angles        {gear} per unit of the axis; constant armature at the posture {armature:.4g}
     torque [N m, N]       least {torque[0]}, largest {torque[1]}
     speed                 largest {speed[1]}
-    reflected             dry friction {friction}; backlash of 1 at every motor's joint {backlash_gain}"""
+    reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
+{play}"""
+PLAY = "\n    play                  {} with motors at rest, by the backlash in the robot file"
 ROW = (
     "    {axis}\t{frequency:g} Hz\t{nothing_known:.3g}\t{constant_armature:.3g}\t{own_armature:.3g}"
     "\t{carried:.3g}"
@@ -131,6 +134,7 @@ def _format(document: Document) -> list[str]:
     lines = [HEAD.format_map(document | {"posture": posture})]
     for name, axis in document["axes"].items():
         words = {key: _words(value) for key, value in axis.items() if key != "armature"}
+        words["play"] = PLAY.format(words["play"]) if axis["play"][1] else ""
         lines.append(AXIS.format_map({"name": name, "armature": axis["armature"], **words}))
     lines += [ERROR_HEAD, COLUMNS]
     names = list(document["axes"])

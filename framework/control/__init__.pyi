@@ -6,6 +6,7 @@ from framework.control.linear_model import CoordinateChoice, LinearModel, linear
 from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.reference import Reference, reference_of
 from framework.control.regulators import Tuning
+from framework.control.robust_plan import RobustPlan, plan_robustly
 from framework.control.run_table import TableController
 from framework.control.sensors import ControlLoop
 from framework.control.study import Study, StudySetup, load_study, run_study
@@ -23,6 +24,7 @@ __all__ = [
     "Measurement",
     "Reference",
     "RobotState",
+    "RobustPlan",
     "Run",
     "Spread",
     "Study",
@@ -34,6 +36,7 @@ __all__ = [
     "draw",
     "linearise_plan",
     "load_study",
+    "plan_robustly",
     "predict",
     "predict_by_sensors",
     "reference_of",

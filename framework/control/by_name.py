@@ -26,17 +26,18 @@ class Setting(NamedTuple):
     loop: ControlLoop
     spread: Spread
     tuning: Tuning
+    models: LinearModels | None = None  # about the reference, for the spread and these estimates
 
 
 def _tune_feedforward(setting: Setting) -> Controller:
     """Tune planned torques with feedback of each motor."""
-    reference, loop, _spread, tuning = setting
+    reference, loop, _spread, tuning, _models = setting
     return FeedforwardPD.tune(reference, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral)
 
 
 def _tune_computed_torque(setting: Setting, *, aware: bool) -> Controller:
     """Tune computed torque, aware of the singularity or not."""
-    reference, loop, _spread, tuning = setting
+    reference, loop, _spread, tuning, _models = setting
     return ComputedTorque.tune(
         reference, aware=aware, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral
     )
@@ -49,8 +50,9 @@ def _tune_lqr(setting: Setting) -> Controller:
 
 def _tune_lqg(setting: Setting) -> Controller:
     """Tune time-varying gains with a Kalman filter."""
-    reference, loop, spread, tuning = setting
-    return LinearModels.of(reference, spread, tuning).tune_lqg(loop)[0]
+    reference, loop, spread, tuning, models = setting
+    models = models or LinearModels.of(reference, spread, tuning)
+    return models._replace(tuning=tuning).tune_lqg(loop)[0]
 
 
 CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {
@@ -86,6 +88,7 @@ def tuned_controller(
     loop: ControlLoop | None = None,
     spread: Spread | None = None,
     tuning: Tuning | None = None,
+    models: LinearModels | None = None,
 ) -> Controller:
     """Return the controller of a name, tuned for a loop and a spread of robots.
 
@@ -93,10 +96,11 @@ def tuned_controller(
         loop: sensors and known delay; by default encoders on the motors, without delay.
         spread: of robots about the model, by default none; lqg estimates what differs.
         tuning: what a designer chooses.
+        models: linear models of these, if there are any.
 
     Raises:
         InvalidInput: unknown name, or a robot that the controller cannot drive.
     """
     check_choice("controller", name, CONTROLLERS)
-    setting = Setting(reference, loop or ControlLoop(), spread or Spread(), tuning or Tuning())
+    setting = Setting(reference, loop or ControlLoop(), spread or Spread(), tuning or Tuning(), models)
     return CONTROLLERS[name](setting)

@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.control.deviation import Feedback, closed_loop_deviation
+from framework.control.deviation import Feedback, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_plan
 from framework.control.reference import Reference, fading_thresholds
 from framework.control.sensors import ControlLoop
@@ -232,6 +232,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     """Return the bandwidth [rad/s] of least predicted deviation of the platform, see `FeedforwardPD.tune`."""
     robot = reference.robot
     model = linearise_plan(reference, ("torque",))
+    plant = Plant.without_readings(model)
     start = np.zeros(model.A.shape[1])
     start[2 * model.m :] = 1.0
     largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)
@@ -239,7 +240,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     def deviation(bandwidth: float) -> float:
         gain = motor_gains(reference, model, MotorControl.of(inertia, bandwidth))
         late, later = (
-            closed_loop_deviation(model, Feedback(gain, periods, None, predicts=False), start).z
+            closed_loop_deviation(plant, Feedback(gain, periods, None, predicts=False), start).z[0]
             for periods in (delay, delay + 1)
         )
         return float(max((np.abs(z[:, : robot.n]) / robot.platform_scale).max() for z in (late, later)))

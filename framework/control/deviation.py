@@ -1,18 +1,22 @@
-"""The standard deviation of platform and torques in the closed loop, by one linear recursion, without runs.
+"""Standard deviations of platform and torques in the closed loop, from the linear equations, without runs.
 
-The robot's true deviations z, the filter's prediction z^ and the torques under way form one linear system:
-with the readings y = C z + noise, of which the part of the torques is known,
+A robot's deviations z from the plan, the filter's prediction z^ and the torques under way follow
 
-    estimate    z~ = z^ + L (y - C z^)
-    command     u = -gain (z~, predicted through the torques under way)
-    next        z = F z + G (torque that acts),        z^ = F z~ + G (torque that acts).
+    innovation  i = C z + D u - (C^ z^ + D^ u) + noise,   u the torque that acts, less the planned one
+    estimate    z~ = z^ + L i
+    command     -gain (z~, predicted through the torques under way)
+    next        z = F z + G u,        z^ = F^ z~ + G^ u,
 
-Its covariance starts with the spread of payload, friction and springs of the robots, which are parts of z.
-The filter's own covariance would be too hopeful, since it knows only of what it estimates.
+where F^, G^, C^, D^ are those of the controller's model, and F, G, C, D those of the robot, whose springs may
+be others. The spread of payload, friction and springs are parts of z at the start. Independent starts, each
+of one standard deviation, and NOISE_SAMPLES sequences of noise are advanced together, as columns of one
+matrix; the variance is the sum of squares over the starts and the mean of squares over the noise. The
+filter's own covariance would be too hopeful, since it knows only of what it estimates.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +24,31 @@ import numpy as np
 from framework.control.linear_model import LinearModel
 from framework.numerics.arrays import Array
 
+NOISE_SAMPLES = 32  # sequences of noise; the deviation that they cause is known to 1 / sqrt(64) = 12 %
+NOISE_SEED = 20261129
+LOST = 1e15  # deviation in units of z; larger ones are infinite, as the loop diverges
+
+
+class Plant(NamedTuple):
+    """A robot in discrete time, z_(k+1) = F_k z_k + G_k u_k, with readings y = C z + D u."""
+
+    F: Array  # (K, N, N)
+    G: Array  # (K, N, n_a)
+    C: Array  # (K, s, N)
+    D: Array  # (K, s, n_a)
+
+    @staticmethod
+    def without_readings(model: LinearModel) -> Plant:
+        """Return the plant of a linear model whose z is measured."""
+        count, N, n_a = model.G.shape
+        return Plant(model.F, model.G, np.zeros((count, 0, N)), np.zeros((count, 0, n_a)))
+
 
 class Observer(NamedTuple):
     """A filter of s readings."""
 
-    C: Array  # (K, s, N)
     gain: Array  # (K, N, s)
-    deviation: Array  # (s,) standard deviations of the readings
+    deviation: Array  # (s,) standard deviations of the noise of the readings
 
 
 class Feedback(NamedTuple):
@@ -39,64 +61,77 @@ class Feedback(NamedTuple):
 
 
 class Deviation(NamedTuple):
-    """Standard deviations along the plan."""
+    """Standard deviations of R robots along the plan; infinite after a loop diverges."""
 
-    z: Array  # (K, N)
-    torque: Array  # (K, n_a) of the torques less the planned ones [N m, N], motor side
+    z: Array  # (R, K, N)
+    torque: Array  # (R, K, n_a) of the torques less the planned ones [N m, N], motor side
 
 
 def closed_loop_deviation(
-    model: LinearModel, feedback: Feedback, start: Array, *, true: LinearModel | None = None
+    model: Plant,
+    feedback: Feedback,
+    start: Array,
+    *,
+    robots: Sequence[Plant] | None = None,
+    noise: bool = True,
 ) -> Deviation:
     """Compute the standard deviations of z and of the torques in the closed loop.
 
     Args:
-        model: linear model with K instants and N states.
+        model: of the controller.
         feedback: torques by z.
         start: standard deviations (N,) of z at the start.
-        true: model of the robot, if it differs from that of the controller.
+        robots: the R robots; by default the model alone.
+        noise: whether readings have noise.
     """
-    true = true or model
+    plants = (model,) if robots is None else robots
     count, N, n_a = model.G.shape
     observer, delay = feedback.observer, feedback.delay
-    states = N if observer is None else 2 * N  # z, and z^
-    size = states + delay * n_a  # and the torques under way
-    covariance = np.zeros((size, size))
-    covariance[range(N), range(N)] = start**2
-    unit = np.eye(size)
-    waiting = [unit[states + j * n_a : states + (j + 1) * n_a] for j in range(delay)]
-    z, torque = np.empty((count, N)), np.empty((count, n_a))
+    random = np.random.default_rng(NOISE_SEED)
+    spread = np.diag(start)[:, start > 0]
+    starts = spread.shape[1]
+    samples = NOISE_SAMPLES if noise and observer is not None else 0
+    columns = starts + samples
+    state = np.zeros((len(plants), N, columns))  # z
+    state[:, :, :starts] = spread
+    predicted = np.zeros_like(state)  # z^
+    sent: list[Array] = []  # (R, n_a, columns) torques
+    none = np.zeros((len(plants), n_a, columns))
+    acting = none
+    is_lost = np.zeros(len(plants), dtype=bool)
+    z, torque = np.empty((len(plants), count, N)), np.empty((len(plants), count, n_a))
+
+    def deviation(values: Array) -> Array:
+        """Return the standard deviations (R, ...) of values (R, ..., columns)."""
+        with np.errstate(over="ignore"):  # of torques of a loop that diverges
+            squares: Array = values**2
+            noise_part = squares[..., starts:].sum(axis=-1) / NOISE_SAMPLES
+            variance = squares[..., :starts].sum(axis=-1) + noise_part
+        return np.where(is_lost[:, None], np.inf, np.sqrt(variance))
+
     for k in range(count):
-        z[k] = np.sqrt(np.maximum(np.diagonal(covariance)[:N], 0.0))
-        estimate = unit[:N]  # (N, size) z~ by the state
-        noise = np.zeros((N, 0))  # (N, s) z~ by the noise of the readings
+        F, G, C, D = (np.array([part[k] for part in parts]) for parts in zip(*plants, strict=True))
+        z[:, k] = deviation(state)
+        estimate = state
         if observer is not None:
-            L = observer.gain[k]
-            estimate = unit[N:states] + L @ observer.C[k] @ (unit[:N] - unit[N:states])
-            noise = L * observer.deviation
+            innovation = C @ state - model.C[k] @ predicted + (D - model.D[k]) @ acting
+            drawn = random.standard_normal((len(observer.deviation), samples))
+            innovation[..., starts:] += observer.deviation[:, None] * drawn
+            estimate = predicted + observer.gain[k] @ innovation
         # through the torques under way to the period in which the command acts
         target = min(k + delay, count - 1)
-        ahead, ahead_noise = estimate, noise
-        for j in range(target - k if feedback.predicts else 0):
-            ahead = model.F[k + j] @ ahead + model.G[k + j] @ waiting[j]
-            ahead_noise = model.F[k + j] @ ahead_noise
-        command, command_noise = -feedback.gain[target] @ ahead, -feedback.gain[target] @ ahead_noise
-        acting, acting_noise = (waiting[0], 0 * command_noise) if delay else (command, command_noise)
-
-        rows = [true.F[k] @ unit[:N] + true.G[k] @ acting]
-        noise_rows = [true.G[k] @ acting_noise]
-        if observer is not None:
-            rows.append(model.F[k] @ estimate + model.G[k] @ acting)
-            noise_rows.append(model.F[k] @ noise + model.G[k] @ acting_noise)
-        if delay:
-            rows += [*waiting[1:], command]
-            noise_rows += [*(0 * command_noise for _ in waiting[1:]), command_noise]
-        variance = np.einsum("ij,jk,ik->i", command, covariance, command) + (command_noise**2).sum(axis=1)
-        torque[k] = np.sqrt(np.maximum(variance, 0.0))
-        step, step_noise = np.concatenate(rows), np.concatenate(noise_rows)
-        with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverges
-            covariance = step @ covariance @ step.T + step_noise @ step_noise.T
-        if not np.abs(covariance).max() < 1e30:
-            z[k + 1 :], torque[k + 1 :] = np.inf, np.inf
+        ahead = estimate
+        for j in range(k, target if feedback.predicts else k):
+            ahead = model.F[j] @ ahead + model.G[j] @ (sent[j - delay] if j >= delay else none)
+        command = -feedback.gain[target] @ ahead
+        torque[:, k] = deviation(command)
+        sent.append(command)
+        acting = sent[k - delay] if k >= delay else none
+        state = F @ state + G @ acting
+        predicted = model.F[k] @ estimate + model.G[k] @ acting
+        is_lost |= ~(np.abs(state).max(axis=(1, 2)) < LOST)  # true for NaN
+        state[is_lost], predicted[is_lost] = 0.0, 0.0
+        if is_lost.all():
+            z[:, k + 1 :], torque[:, k + 1 :] = np.inf, np.inf
             break
     return Deviation(z, torque)

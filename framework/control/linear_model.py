@@ -99,8 +99,6 @@ def linearise_plan(
         InvalidInput: unknown kind; a motion of the platform moves no mass.
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
-    from scipy.linalg import expm
-
     robot, motion, period = reference.robot, reference.motion, reference.period
     joint_torque = robot.gear_ratio * reference.torque - (robot.rotors * motion.a)[:, robot.actuated]
     rates = (reference.x, reference.dx, reference.ddx)
@@ -116,44 +114,59 @@ def linearise_plan(
     choice = like.choice if like else _choose_coordinates(reference, E[:, spread], at_some)
     equations = _transform(reference, E, changes, choice)
     h, b = choice.kept, choice.balanced  # b: indices of l
-    M, D, K, B, L_h, L_t = _condense(equations, h, b)
-    inverse = np.linalg.inv(M)
+    condensed = _condense(equations, h, b)
 
     names, forces = _disturbance_forces(reference, changes, disturbances)  # (K, d, p) on y
     f = equations.V.swapaxes(1, 2) @ forces  # on w
-    K_ll = equations.K[:, b[:, None], b]
-    L_f = np.linalg.solve(K_ll, f[:, b])
+    L_f = np.linalg.solve(equations.K[:, b[:, None], b], f[:, b])
     f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
-
-    count, m, p = len(M), len(h), len(names)
-    N, n_a = 2 * m + p, robot.n_a
-    generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
-    generator[:, :m, m : 2 * m] = np.eye(m)
-    parts = [-inverse @ K, -inverse @ D, inverse @ f_h, inverse @ B]
-    generator[:, m : 2 * m] = np.concatenate(parts, axis=2)
-    middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])  # of each period
-    transition = expm(middle * period)
+    A, B = _state_equations(condensed, f_h)
+    F, G = _discretise(A, B, period)
 
     # joints by z: w = (h, l) by z, y = V w, dq = T y
-    w_by_z = np.zeros((count, d, N))
+    m = len(h)
+    w_by_z = np.zeros((len(A), d, A.shape[1]))
     w_by_z[:, h, :m] = np.eye(m)
-    w_by_z[:, b, :m] = L_h
+    w_by_z[:, b, :m] = condensed.L_h
     w_by_z[:, b, 2 * m :] = L_f
     joints_by_w = changes.q.swapaxes(1, 2) @ equations.V  # (K, nv, d)
+    joints = np.concatenate([robot.actuated[choice.motors], robot.elastic[choice.others]])
     return LinearModel(
         choice=choice,
-        columns=np.concatenate([robot.actuated[choice.motors], robot.elastic[choice.others]])[
-            h[robot.n :] - robot.n
-        ],
+        columns=joints[h[robot.n :] - robot.n],
         kinds=disturbances,
         names=names,
-        A=generator[:, :N, :N],
-        B=generator[:, :N, N:],
-        F=transition[:, :N, :N],
-        G=transition[:, :N, N:],
+        A=A,
+        B=B,
+        F=F,
+        G=G,
         joints=joints_by_w @ w_by_z,
-        joints_by_torque=joints_by_w[:, :, b] @ L_t,
+        joints_by_torque=joints_by_w[:, :, b] @ condensed.L_t,
     )
+
+
+def _state_equations(condensed: _Condensed, f_h: Array) -> tuple[Array, Array]:
+    """Return A (K, N, N) and B (K, N, n_a) of z = (h, h', theta), for forces f_h (K, m, p) of theta."""
+    count, m, n_a = condensed.B.shape
+    inverse = np.linalg.inv(condensed.M)
+    N = 2 * m + f_h.shape[2]
+    A, B = np.zeros((count, N, N)), np.zeros((count, N, n_a))
+    A[:, :m, m : 2 * m] = np.eye(m)
+    A[:, m : 2 * m] = inverse @ np.concatenate([-condensed.K, -condensed.D, f_h], axis=2)
+    B[:, m : 2 * m] = inverse @ condensed.B
+    return A, B
+
+
+def _discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
+    """Return F (K, N, N) and G (K, N, n_a) of one period, with A and B in its middle and constant torque."""
+    from scipy.linalg import expm
+
+    count, N, n_a = B.shape
+    generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
+    generator[:, :N] = np.concatenate([A, B], axis=2)
+    middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])
+    transition = expm(middle * period)
+    return transition[:, :N, :N], transition[:, :N, N:]
 
 
 def _transform(

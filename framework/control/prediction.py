@@ -15,17 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.control.closed_loop import MAX_DEVIATION, torque_limit
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
-from framework.control.deviation import Feedback, Observer, closed_loop_deviation
+from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.regulators import (
     UNIFORM,
+    Filter,
     Regulator,
     Tuning,
     Weights,
     disturbances_of,
     prior_deviations,
+    reading_rows,
     tune_lqg,
 )
 from framework.control.sensors import ControlLoop, sensors_of
@@ -35,8 +38,8 @@ from framework.numerics.arrays import Array
 from framework.tolerances import MAX_PREDICTED_SHARE
 
 # of lqg, tried in turn: factors on the noise that the filter expects of its model, and on the torque share
-CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33))
-LEAST_ROOM = 0.05  # share of the peak torque
+CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33), (30.0, 0.33))
+LEAST_ROOM = 0.05  # share of the peak torque that counts as left at the limit
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
     "motors",
@@ -56,10 +59,153 @@ class LoopPrediction:
     sensors: str
     platform: float  # [robot lengths, rad] of the platform from the plan; infinite if the loop diverges
     torque: float  # of a motor's torque from the planned one, share of its planned peak
+    load: float  # the same over what the torque limit leaves at that instant; above 1 torques are cut
+    ends: float = 1.0  # share of the robots with springs at the ends of the spread that keep the tolerance
 
     def is_within(self, tolerance: float) -> bool:
-        """Return whether runs are expected to keep a tolerance [robot lengths, rad]."""
-        return self.platform <= MAX_PREDICTED_SHARE * tolerance
+        """Return whether runs are expected to keep a tolerance [robot lengths, rad] and the torque limits."""
+        return self.platform <= MAX_PREDICTED_SHARE * tolerance and self.load <= 1
+
+
+class LinearModels(NamedTuple):
+    """The linear models about one plan, for all controllers, sensors and weights."""
+
+    reference: Reference
+    spread: Spread
+    tuning: Tuning
+    within: list[LinearModel]  # of the controller, and with springs softer and stiffer by a deviation
+    ends: list[LinearModel]  # of robots with springs at the ends of the spread
+
+    @staticmethod
+    def of(reference: Reference, spread: Spread, tuning: Tuning) -> LinearModels:
+        """Compute the models.
+
+        A disturbance is a constant force; springs that differ also change the frequencies of vibrations,
+        which may destabilise a controller that counts on them. At the ends of the spread all, every other
+        one, or one half of the springs are soft or stiff, and the rest the contrary.
+
+        Raises:
+            InvalidInput: a motion of the platform moves no mass.
+        """
+        robot, size = reference.robot, spread.stiffness
+        kinds = tuple(dict.fromkeys([*disturbances_of(spread), *(tuning.estimates or ())]))
+        model = linearise_plan(reference, kinds)
+        if not (robot.n_e and size):
+            return LinearModels(reference, spread, tuning, [model], [])
+
+        def vary(signs: Array) -> list[LinearModel]:
+            robots = [replace(robot, stiffness=(1 + size * k * signs) * robot.stiffness) for k in (-1, 1)]
+            return [linearise_plan(replace(reference, robot=one), kinds, like=model) for one in robots]
+
+        springs = np.arange(robot.n_e)
+        other, half = np.where(springs % 2, 1, -1), np.where(springs < robot.n_e / 2, 1, -1)
+        every = np.ones(robot.n_e)
+        ends = [*vary(every), *vary(other), *vary(half)]
+        return LinearModels(reference, spread, tuning, [model, *vary(UNIFORM * every)], ends)
+
+    def predict(self, name: str, controller: Controller, loop: ControlLoop) -> LoopPrediction | None:
+        """Predict the deviations of a controller; None unless linear, with the whole state.
+
+        Args:
+            name: name of the controller.
+            controller: lqg, lqr with the whole state, or feedforward without integral.
+            loop: the loop in which it works.
+        """
+        if isinstance(controller, FeedforwardPD) and not controller.integral:
+            feedback, plants = self._feedback_of_motors(controller, loop)
+        elif isinstance(controller, Regulator) and controller.filter is not None:
+            feedback, plants = self._feedback_of_filter(controller, controller.filter)
+        elif isinstance(controller, Regulator) and sensors_of(self.reference.robot, loop).state:
+            feedback, plants = self._feedback_of_state(controller)
+        else:
+            return None
+        count = len(self.within)
+        platform, torque, load = self._largest(loop, feedback, plants[0], plants[:count], noise=True)
+        prediction = LoopPrediction(name, loop.sensors, *(float(x.max()) for x in (platform, torque, load)))
+        if not self.ends:
+            return prediction
+        if not prediction.is_within(loop.tolerance):
+            return replace(prediction, ends=0.0)
+        platform, _torque, load = self._largest(loop, feedback, plants[0], plants[count:], noise=False)
+        is_kept = (platform <= MAX_PREDICTED_SHARE * loop.tolerance) & (load <= 1)
+        return replace(prediction, ends=float(is_kept.mean()))
+
+    def _largest(
+        self, loop: ControlLoop, feedback: Feedback, model: Plant, robots: list[Plant], *, noise: bool
+    ) -> tuple[Array, Array, Array]:
+        """Compute the largest deviations (R,) along the plan of R robots: platform, torque, and load."""
+        reference, robot = self.reference, self.reference.robot
+        start = prior_deviations(reference, self.within[0], self.spread)
+        start[: 2 * self.within[0].m] = 0.0  # robots start on the plan
+        deviation = closed_loop_deviation(model, feedback, start, robots=robots, noise=noise)
+        platform = (deviation.z[:, :, : robot.n] / robot.platform_scale).max(axis=(1, 2))
+        planned = np.abs(reference.torque)  # (K, n_a)
+        peak = planned.max(axis=0)
+        left = np.maximum(torque_limit(reference, loop) - planned, LEAST_ROOM * peak)
+        return (
+            np.where(platform < MAX_DEVIATION, platform, np.inf),
+            (deviation.torque / peak).max(axis=(1, 2)),
+            (deviation.torque / left).max(axis=(1, 2)),
+        )
+
+    def _feedback_of_motors(
+        self, controller: FeedforwardPD, loop: ControlLoop
+    ) -> tuple[Feedback, list[Plant]]:
+        """Return the feedback of motors' angles and speeds, and the robots."""
+        gain = motor_gains(self.reference, self.within[0], controller.feedback)
+        delay = loop.delayed_periods(self.reference.period)
+        plants = [Plant.without_readings(model) for model in (*self.within, *self.ends)]
+        return Feedback(gain, delay, observer=None, predicts=False), plants
+
+    def _feedback_of_filter(self, controller: Regulator, own: Filter) -> tuple[Feedback, list[Plant]]:
+        """Return the feedback of estimates, and the robots with their readings."""
+        feedback = Feedback(
+            controller.gain, controller.delay, Observer(own.gain, own.deviation), predicts=True
+        )
+        n = self.reference.robot.n
+        models = (*self.within, *self.ends)
+        return feedback, [Plant(one.F, one.G, *reading_rows(one, own.sensors, n)) for one in models]
+
+    def _feedback_of_state(self, controller: Regulator) -> tuple[Feedback, list[Plant]]:
+        """Return the feedback of the exact state h and h'; disturbances are not estimated."""
+        count, n_a, states = controller.gain.shape
+        N = self.within[0].A.shape[1]
+        C = np.broadcast_to(np.eye(states, N), (count, states, N))
+        observer = Observer(C.swapaxes(1, 2), np.zeros(states))
+        gain = np.concatenate([controller.gain, np.zeros((count, n_a, N - states))], axis=2)
+        D = np.zeros((count, states, n_a))
+        plants = [Plant(model.F, model.G, C, D) for model in (*self.within, *self.ends)]
+        return Feedback(gain, controller.delay, observer, predicts=True), plants
+
+    def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
+        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to pass at all ends.
+
+        If none is, take the one that passes at most ends, or else the one of least prediction over the
+        allowed deviation.
+        """
+        reference, spread, tuning = self.reference, self.spread, self.tuning
+        best: tuple[tuple[float, float], Regulator, LoopPrediction] | None = None
+        for noise, torque in CAUTIONS if self.ends else CAUTIONS[:1]:
+            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+            controller = tune_lqg(
+                reference,
+                loop=loop,
+                spread=spread,
+                estimates=tuning.estimates,
+                weights=weights,
+                model=self.within[0],
+            )
+            prediction = self.predict("lqg", controller, loop)
+            assert prediction is not None
+            allowed = MAX_PREDICTED_SHARE * loop.tolerance
+            excess = max(prediction.platform / allowed, prediction.load)
+            rank = (-prediction.ends, max(excess, 1.0))
+            if best is None or rank < best[0]:
+                best = rank, controller, prediction
+            if excess <= 1 and prediction.ends == 1:
+                break
+        assert best is not None
+        return best[1:]
 
 
 def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread) -> LoopPrediction | None:
@@ -71,114 +217,10 @@ def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread
         loop: the loop in which it works.
         spread: of robots about the model.
     """
-    is_feedforward = isinstance(controller, FeedforwardPD) and not controller.integral
-    sees_all = isinstance(controller, Regulator) and (
-        controller.filter is not None or sensors_of(controller.reference.robot, loop).state
+    kinds = controller.model.kinds if isinstance(controller, Regulator) else None
+    return LinearModels.of(controller.reference, spread, Tuning(estimates=kinds)).predict(
+        name, controller, loop
     )
-    if not (is_feedforward or sees_all):
-        return None
-    models = LinearModels.of(controller.reference, spread, Tuning())
-    if isinstance(controller, Regulator):
-        if controller.filter is not None:  # its model may have more disturbances
-            model = controller.model
-            models = models._replace(model=model, others=varied_models(controller.reference, model, spread))
-        return replace(_predict_regulator(controller, loop, models), controller=name)
-    assert isinstance(controller, FeedforwardPD)
-    gain = motor_gains(controller.reference, models.model, controller.feedback)
-    delay = loop.delayed_periods(controller.reference.period)
-    return _predict_feedback(name, Feedback(gain, delay, None, predicts=False), loop, models)
-
-
-def _predict_regulator(controller: Regulator, loop: ControlLoop, models: LinearModels) -> LoopPrediction:
-    """Predict the deviations of lqg, or of lqr that measures the whole state."""
-    gain = controller.gain
-    if controller.filter is not None:
-        observer = Observer(controller.filter.C, controller.filter.gain, controller.filter.deviation)
-    else:
-        # disturbances are neither measured nor estimated: exact readings of the other states
-        count, n_a, states = gain.shape
-        N = models.model.A.shape[1]
-        gain = np.concatenate([gain, np.zeros((count, n_a, N - states))], axis=2)
-        C = np.broadcast_to(np.eye(states, N), (count, states, N))
-        observer = Observer(C, C.swapaxes(1, 2), np.zeros(states))
-    return _predict_feedback("lqg", Feedback(gain, controller.delay, observer, predicts=True), loop, models)
-
-
-def _predict_feedback(
-    name: str, feedback: Feedback, loop: ControlLoop, models: LinearModels
-) -> LoopPrediction:
-    """Predict the deviations of a feedback on the model and on robots with other springs."""
-    reference, model = models.reference, models.model
-    start = prior_deviations(reference, model, models.spread)
-    start[: 2 * model.m] = 0.0  # robots start on the plan
-    peak = np.abs(reference.torque).max(axis=0)
-    platform, torque = 0.0, 0.0
-    for true in (model, *models.others):
-        deviation = closed_loop_deviation(model, feedback, start, true=true)
-        x = deviation.z[:, : reference.robot.n] / reference.robot.platform_scale
-        platform = max(platform, float(x.max()))
-        torque = max(torque, float((deviation.torque / peak).max()))
-    return LoopPrediction(name, loop.sensors, platform, torque)
-
-
-class LinearModels(NamedTuple):
-    """The linear models about one plan, for all sensors and weights of lqg."""
-
-    reference: Reference
-    spread: Spread
-    tuning: Tuning
-    model: LinearModel
-    others: list[LinearModel]  # of robots with softer and stiffer springs
-
-    @staticmethod
-    def of(reference: Reference, spread: Spread, tuning: Tuning) -> LinearModels:
-        """Compute the models.
-
-        Raises:
-            InvalidInput: a motion of the platform moves no mass.
-        """
-        kinds = tuple(dict.fromkeys([*disturbances_of(spread), *(tuning.estimates or ())]))
-        model = linearise_plan(reference, kinds)
-        return LinearModels(reference, spread, tuning, model, varied_models(reference, model, spread))
-
-    def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
-        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to pass.
-
-        If none is, take the one with the least prediction over the allowed deviation.
-        """
-        reference, spread, tuning, model, others = self
-        peak = np.abs(reference.torque).max(axis=0)
-        limit = np.array(loop.limit) if loop.limit is not None else reference.torque_limit
-        room = max(float((limit / peak).min()) - 1.0, LEAST_ROOM)  # share of the peak left to feedback
-        best: tuple[float, Regulator, LoopPrediction] | None = None
-        for noise, torque in CAUTIONS if others else CAUTIONS[:1]:
-            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
-            controller = tune_lqg(
-                reference, loop=loop, spread=spread, estimates=tuning.estimates, weights=weights, model=model
-            )
-            prediction = _predict_regulator(controller, loop, self)
-            excess = max(
-                prediction.platform / (MAX_PREDICTED_SHARE * loop.tolerance), prediction.torque / room
-            )
-            if best is None or excess < best[0]:
-                best = excess, controller, prediction
-            if excess <= 1:
-                break
-        assert best is not None
-        return best[1:]
-
-
-def varied_models(reference: Reference, model: LinearModel, spread: Spread) -> list[LinearModel]:
-    """Return the linear models with all springs softer and stiffer by one standard deviation.
-
-    A disturbance is a constant force; springs that differ also change the frequencies of vibrations, which
-    may destabilise a controller that counts on them.
-    """
-    if not (reference.robot.n_e and spread.stiffness):
-        return []
-    factors = (1 - UNIFORM * spread.stiffness, 1 + UNIFORM * spread.stiffness)
-    robots = [replace(reference.robot, stiffness=factor * reference.robot.stiffness) for factor in factors]
-    return [linearise_plan(replace(reference, robot=robot), model.kinds, like=model) for robot in robots]
 
 
 def predict_by_sensors(
@@ -187,24 +229,24 @@ def predict_by_sensors(
     spread: Spread,
     *,
     tuning: Tuning | None = None,
-    sets: Sequence[str] = SENSOR_SETS,
+    models: LinearModels | None = None,
 ) -> list[LoopPrediction]:
-    """Predict the deviations of lqg for each set of sensors that the robot can have.
+    """Predict the deviations of lqg for each of SENSOR_SETS that the robot has and that reads more.
 
     Args:
         reference: plan at the sampling instants.
         loop: known delay and steps of encoders; its sensors do not count.
         spread: of robots about the model.
         tuning: what a designer chooses of lqg.
-        sets: sets of sensors; those that read the same as an earlier one are left out.
+        models: linear models of these, if there are any.
 
     Raises:
         InvalidInput: a motion of the platform moves no mass.
     """
-    models = LinearModels.of(reference, spread, tuning or Tuning())
+    models = models or LinearModels.of(reference, spread, tuning or Tuning())
     predictions: list[LoopPrediction] = []
     seen: list[Array] = []
-    for sensors in sets:
+    for sensors in SENSOR_SETS:
         one = replace(loop, sensors=sensors)
         try:
             rows = sensors_of(reference.robot, one)

@@ -94,7 +94,7 @@ class Actuator:
     """A motor on a URDF joint.
 
     `rotor_inertia` [kg m^2] and the limits [N m], [rad/s] are on the motor side of the gear. `gear_ratio` is
-    motor angle over joint angle.
+    motor angle over joint angle. `backlash` is the whole play of the joint [rad, m] with the motor at rest.
     """
 
     joint: str
@@ -102,6 +102,7 @@ class Actuator:
     rotor_inertia: float = 0.0
     torque_limit: float | None = None  # None: no limit
     speed_limit: float | None = None
+    backlash: float = 0.0
 
 
 @dataclass(frozen=True)

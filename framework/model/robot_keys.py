@@ -200,13 +200,14 @@ class RobotReader:
         return Platform(frame, joints=values["joints"])
 
     def actuator(self, where: str, given: Any) -> Actuator:
-        """Read a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
+        """Read a motor: joint, gear ratio, rotor inertia [kg m^2], limits, backlash [rad, m]."""
         readers = {
             "joint": one_of("joint", self.urdf.joints),
             "gear_ratio": positive,
             "rotor_inertia": not_negative,
             "torque_limit": _read_limit,
             "speed_limit": _read_limit,
+            "backlash": not_negative,
         }
         return dataclass_of(Actuator, readers)(where, given)
 

@@ -62,6 +62,8 @@ def plot_limits(result: LinkageTransmission) -> Axes:
                 line = _line(result, k)
                 both = ax.plot(result.x[line, k], ends[line, :, k], **line_style(k))  # least and largest
                 both[0].set_label(display_name(name))
+            if kind == "speeds":  # without bound where the motors lose the platform: logarithmic above
+                ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(np.median(np.abs(ends)))))
             ax.set_xlabel("along the axis [rad, m]")
             ax.set_ylabel(f"{word} [{_units(result, kind)}]")
             legend_above(ax)

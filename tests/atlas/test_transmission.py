@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import InvalidInput, assemble
+from framework import InvalidInput, ParallelRobot, assemble
 from framework.atlas.transmission import transmission
+from framework.catalogue import own_file
 
 CASES = [("humanoid_ankle", [-0.3, -0.2], [0.3, 0.2], [0.0, 0.0]), ("humanoid_knee", [0.5], [1.5], [1.0])]
 
@@ -46,6 +47,25 @@ def test_the_armature_of_the_pose_explains_all_but_the_linkage(result):
     for error in result.errors:
         k = result.robot.axis_names.index(error.axis)
         assert error.own_armature[k] < 0.15 * error.constant_armature[k] < 0.15 * error.nothing_known[k]
+
+
+def test_the_play_of_a_joint_lets_the_resting_motors_joint_turn_by_its_backlash(tmp_path, crossing):
+    """The poses at both ends of the play, with the backlash of the robot file between their motor joints."""
+    folder = own_file("humanoid_knee").parent
+    text = (
+        (folder / "humanoid_knee.yaml").read_text().replace("joint: motor,", "joint: motor, backlash: 1e-4,")
+    )
+    (tmp_path / "humanoid_knee.urdf").write_text((folder / "humanoid_knee.urdf").read_text())
+    (tmp_path / "knee.yaml").write_text(text)
+    robot = ParallelRobot.from_file(tmp_path / "knee.yaml")
+    result = transmission(robot, lower=[0.5], upper=[1.5], posture=[1.0], frequencies=[4.0], points=3)
+    ends = [result.x[1] + sign * result.play[1] / 2 for sign in (-1, 1)]
+    low, high = (robot.actuated_coordinates(assemble(robot, x).q[None])[0] for x in ends)
+    np.testing.assert_allclose(np.abs(high - low), 1e-4, rtol=1e-6)
+    (tmp_path / "knee.yaml").write_text(text.replace("backlash: 1e-4", "backlash: -1"))
+    code, _, said = crossing("check", tmp_path / "knee.yaml")
+    assert code == 2
+    assert "backlash" in said
 
 
 def test_without_mass_in_the_linkage_nothing_is_left_of_the_error():

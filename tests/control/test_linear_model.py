@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,12 +19,14 @@ from framework.control import (
     linearise_plan,
     predict,
     predict_by_sensors,
+    prediction,
     reference_of,
     run_closed_loop,
     suggest_sensors,
     tuned_controller,
 )
-from framework.control.deviation import Feedback, closed_loop_deviation
+from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
+from framework.control.prediction import LinearModels
 from framework.control.sensors import sensors_of
 from framework.control.variations import apply_variation
 from framework.dynamics.forward_dynamics import forward_derivatives
@@ -126,10 +129,11 @@ def test_gravity_and_torques_are_disturbances_in_their_units():
     np.testing.assert_allclose(columns[:, :, 2], 0.0, atol=1e-9)  # along z, across the plane
 
 
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
 @pytest.mark.parametrize(("name", "sensors"), [("lqr", "joints"), ("lqg", "motors")])
-def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay):
-    ref = reference("five_bar", "C", "flexible_links", 2e-3)
+def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay, flexibility):
+    ref = reference("five_bar", "C", flexibility, 2e-3)
     loop = ControlLoop(sensors=sensors, delay=delay)
     controller = tuned_controller(name, ref, loop=loop, spread=WRONG)
     run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
@@ -174,22 +178,56 @@ def test_more_sensors_never_deviate_more_and_the_least_that_pass_are_named():
     assert suggest_sensors([motors], between) is None
 
 
+@pytest.mark.slow
+def test_weights_are_chosen_for_springs_at_the_ends_of_their_spread():
+    """Springs wrong by 40 %: the chosen weights hold at more of the ends than those of a narrow spread."""
+    ref = reference("five_bar", "C", "flexible_links", 3e-3)
+    loop = replace(LOOP, sensors="motors elbows")
+    wide = LinearModels.of(ref, replace(WRONG, stiffness=0.4), Tuning())
+    narrow = LinearModels.of(ref, replace(WRONG, stiffness=0.01), Tuning()).tune_lqg(loop)[0]
+    chosen, prediction = wide.tune_lqg(loop)
+    assert wide.predict("lqg", chosen, loop) == prediction
+    assert prediction.ends > wide.predict("lqg", narrow, loop).ends
+
+
 def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
     """x" = u + theta under u = -4 x - 4 x': x ends at theta / 4, in exact steps of 1 ms."""
-    ref = reference("five_bar", "C", "rigid", 5e-3)
     h, count = 1e-3, 8000
     F = np.array([[1.0, h, h**2 / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     G = np.array([[h**2 / 2], [h], [0.0]])
-    model = replace(
-        linearise_plan(ref), F=np.tile(F, (count, 1, 1)), G=np.tile(G, (count, 1, 1)), names=("torque",)
-    )
+    rows = np.zeros((count, 0, 3)), np.zeros((count, 0, 1))
+    plant = Plant(np.tile(F, (count, 1, 1)), np.tile(G, (count, 1, 1)), *rows)
     gain = np.tile([[4.0, 4.0, 0.0]], (count, 1, 1))
     for delay in (0, 3):
         deviation = closed_loop_deviation(
-            model, Feedback(gain, delay, None, predicts=False), np.array([0.0, 0.0, 0.2])
+            plant, Feedback(gain, delay, None, predicts=False), np.array([0.0, 0.0, 0.2])
         )
-        np.testing.assert_allclose(deviation.z[-1, 0], 0.05, rtol=1e-3)
-        np.testing.assert_allclose(deviation.torque[-1], 0.2, rtol=1e-3)
+        np.testing.assert_allclose(deviation.z[0, -1, 0], 0.05, rtol=1e-3)
+        np.testing.assert_allclose(deviation.torque[0, -1], 0.2, rtol=1e-3)
+
+
+def test_of_a_filtered_number_the_deviation_is_that_of_its_closed_form():
+    """z+ = z + u, y = z + noise of 1, z~ = z^ + (y - z^) / 2, u = -z~ / 2: by its 2 x 2 Lyapunov equation."""
+    count = 4000
+    one = np.ones((count, 1, 1))
+    plant = Plant(one, one, one, 0 * one)
+    feedback = Feedback(0.5 * one, 0, Observer(0.5 * one, np.ones(1)), predicts=True)
+    step = np.array([[0.75, -0.25], [0.25, 0.25]])  # of (z, z^)
+    by_noise = np.array([[-0.25], [0.25]])
+    variance = np.linalg.solve(np.eye(4) - np.kron(step, step), np.kron(by_noise, by_noise))[0, 0]
+    z = closed_loop_deviation(plant, feedback, np.zeros(1)).z[0, 100:, 0]
+    np.testing.assert_allclose((z**2).mean(), variance, rtol=0.05)
+    assert z.std() < 0.2 * np.sqrt(variance)  # 32 samples
+
+
+def test_a_robot_with_other_springs_is_read_by_its_own_readings():
+    """Readings twice as large count as twice the error: the first estimate is z, not half of it."""
+    one = np.ones((3, 1, 1))
+    model, other = Plant(one, one, one, 0 * one), Plant(one, one, 2 * one, 0 * one)
+    feedback = Feedback(one, 0, Observer(0.5 * one, np.zeros(1)), predicts=True)
+    z = closed_loop_deviation(model, feedback, np.ones(1), robots=[model, other]).z[:, :, 0]
+    np.testing.assert_allclose(z[0, :2], [1.0, 0.5])
+    np.testing.assert_allclose(z[1, :2], [1.0, 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
@@ -239,6 +277,7 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
     short = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "5e-3", "--runs", "2"]
     told = document(*short, "--sensors", "suggest")
     assert (told["sensors"], told["studies"][0]["controller"]) == ("motors", "lqg")
+    assert told["tried"] == [{"sensors": "motors", "passed": 20, "runs": 20}]
     assert {one["sensors"] for one in told["predicted"]} >= {"motors", "motors elbows"}
     swept = document(*short, "--sweep", "bandwidth=5..40")
     gains = [study["controller"] for study in swept["studies"]]
@@ -280,3 +319,15 @@ def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, dela
         measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])
         expected = ours.torque(k, measured)[0]
         np.testing.assert_allclose(alone.update(S @ ref.motion.q[k] + off), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_varied_springs_deviate_as_much_as_those_that_are_drawn(monkeypatch):
+    """Drawn stiffnesses are uniform within +- 20 %: their deviation is 20 % / sqrt(3)."""
+    ref = reference("five_bar", "C", "flexible_links")
+    monkeypatch.setattr(prediction, "linearise_plan", lambda reference, *_, **__: reference.robot.stiffness)
+    varied = (
+        prediction.varied_models(ref, SimpleNamespace(kinds=None), Spread(stiffness=0.2))
+        / ref.robot.stiffness
+    )
+    np.testing.assert_allclose(varied.mean(axis=0), 1.0, rtol=1e-15)
+    np.testing.assert_allclose(varied.std(axis=0), 0.2 / np.sqrt(3.0), rtol=1e-12)
