@@ -183,7 +183,8 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
             torque = drive(edges[k : k + 1], q[None], v[None])[0]
         world = np.zeros_like(v)  # generalised forces of the external wrenches
         if drive.world.acts:
-            world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
+            middle = integrate(robot, q, 0.5 * h * v)[None]
+            world = drive.world(robot, middles[k : k + 1], middle, v[None])[0]
         end = stepper.step(q, v, torque, h, world=world)
         mean = 0.5 * (v + end.v)  # (nv,)
         supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
@@ -383,7 +384,7 @@ def explicit_steps(
         else:
             force = motors[k, i].copy()
         if drive.world.acts:
-            force += drive.world(equations.robot, t, q[None])[0]
+            force += drive.world(equations.robot, t, q[None], v[None])[0]
         return force
 
     y = np.concatenate(start)  # (2 nv,) q, then v
