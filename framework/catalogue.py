@@ -84,7 +84,7 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
             return entry.file
     if isinstance(name_or_path, str | os.PathLike):
         path = Path(name_or_path)
-        if not os.path.exists(path) and os.path.isdir(path.parent):
+        if not os.path.lexists(path) and os.path.isdir(path.parent):
             hint = did_you_mean(path.name, os.listdir(path.parent)) if path.suffix else ""
             if hint:
                 raise RobotFileError(f"{path}: there is no such file{hint}")
@@ -99,6 +99,7 @@ def load_robot(
     *misplaced: Never,
     flexibility: str = "rigid",
     parameters: Mapping[str, float] | None = None,
+    reference: Mapping[str, float] | None = None,
 ) -> ParallelRobot:
     """Load a robot by its name in the catalogue, or by the path of its robot file.
 
@@ -106,6 +107,7 @@ def load_robot(
         name_or_path: a name that `crossing robots` lists, such as "five_bar"; or a path, "my_robot.yaml".
         flexibility: which of the springs in the file exist: "rigid", "flexible_joints" or "flexible_links".
         parameters: values in place of those that the file declares under `parameters`, by name.
+        reference: joint positions by name [rad, m] near an assembled pose, in place of the file's.
 
     Returns:
         The robot, assembled at the reference of its file.
@@ -123,4 +125,6 @@ def load_robot(
     if misplaced:
         given = short(misplaced[0])
         raise InvalidInput(f"flexibility: has to be given by name, flexibility={given}, got {given} alone")
-    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility, parameters=parameters)
+    return ParallelRobot.from_file(
+        robot_file(name_or_path), flexibility=flexibility, parameters=parameters, reference=reference
+    )

@@ -26,7 +26,7 @@ class FrameworkError(Exception):
     """Base of all errors raised on purpose by this package; all can be pickled.
 
     `remedy`: options with which the same call gives another answer, None for one to leave out; None where
-    none is known.
+    none is known. A traceback shows the remedy as a note.
     """
 
     remedy: Mapping[str, Any] | None = None
@@ -35,6 +35,11 @@ class FrameworkError(Exception):
     def advising(self, remedy: Mapping[str, Any] | None) -> Self:
         """Return the error with a remedy."""
         self.remedy = remedy
+        words = [
+            f"without {name}" if value is None else f"{name}={value}"
+            for name, value in (remedy or {}).items()
+        ]
+        self.__notes__ = [f"try: {', '.join(words)}"] if words else []
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -84,6 +89,7 @@ class SingularReference(InvalidInput):
             f"{', such as ' * bool(shown)}{' or '.join(f'{{{angles}}}' for angles in shown)}"
         )
         self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
+        self.advising({"reference": poses[0]} if poses else None)
 
 
 class OutputError(InvalidInput):

@@ -346,6 +346,13 @@ digits. At 1e-9 plans that are left 2 % of their duration before a crossing do n
 jumps by as much would go unseen.
 """
 
+SEAM_JUMP_GROWTH = 100.0
+"""Factor of SEAM_JUMP for each time derivative that is compared.
+
+The derivative of a Chebyshev series with n coefficients loses up to n^2 in accuracy, at the ends of a panel;
+on panels of some twenty coefficients two digits are lost in practice.
+"""
+
 PATH_JUMP = 1e-6
 """Jump of x' or x'' of a user's path, over the largest value, that is no rounding.
 

@@ -62,7 +62,9 @@ def mutations(node: ast.AST) -> Iterator[ast.AST]:
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not | ast.Invert):
         yield node.operand
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        yield ast.Constant(node.value + 1 if isinstance(node.value, int) else 1.5 * node.value)
+        yield ast.Constant(
+            1.5 * node.value if isinstance(node.value, float) and node.value else node.value + 1
+        )
     elif isinstance(node, ast.Attribute | ast.Name):
         name = node.attr if isinstance(node, ast.Attribute) else node.id
         if name in NAMES:

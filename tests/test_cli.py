@@ -253,6 +253,21 @@ def test_what_is_typed_overrides_the_scene(document, options, expected):
     assert (found["duration"], crossing["time"], crossing["speed"]) == expected
 
 
+def test_instants_have_the_torques_of_the_closed_form(crossing, document, refusal):
+    scene = ["five_bar", "--scene", "C"]
+    rows = document("plan", *scene, "--at", 0.3, 1.0)["instants"]
+    motors = ["torque_left_motor", "torque_right_motor"]
+    assert list(rows[0]) == ["time", "s", "platform_x", "platform_y", *motors]
+    torques = [[row[motor] for motor in motors] for row in rows]
+    exact = oracle.solve("C", "rigid", "rigid", 2)
+    np.testing.assert_allclose(torques, oracle.torques(exact, [0.3, 1.0]), rtol=0, atol=1e-11)
+    table = ["--to", "csv", "--at", 0.3, "--columns", "torque", "--out", "-"]
+    _, out, _ = crossing("export", *scene, *table)
+    printed = [*map(float, out.splitlines()[1].split(","))]
+    np.testing.assert_allclose(printed, torques[0], rtol=0, atol=1e-12)
+    assert "at: needs instants of 0 to 1.5 s" in refusal(2, "plan", *scene, "--at", 1.6)
+
+
 def test_a_line_of_ones_own_is_planned_with_times_and_speeds_of_the_programs_choice(document):
     found = document(*FREE)
     (crossing,) = found["crossings"]
@@ -430,7 +445,13 @@ def test_where_the_answer_is_no_the_exit_code_is_1(refusal, tmp_path, command, w
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", [["check"], ["locate", "--scene", "C"], ["plan", "--scene", "C"]])
+SLOW = pytest.mark.slow  # all commands take the same search
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["check"], pytest.param(["locate"], marks=SLOW), pytest.param(["plan", "--scene", "C"], marks=SLOW)],
+)
 def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
     far = write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),))  # motors 1.6 m apart, 1 m of links
     name, *options = command

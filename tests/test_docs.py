@@ -19,7 +19,13 @@ MADE = ("reference/", "notebooks/", "gallery.md", "changelog.md", "lesson.html",
 
 
 @pytest.mark.filterwarnings("ignore:zmq.eventloop")  # of meshcat
-@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem == "controllers" else ())
+        for page in WITH_CODE
+    ],
+)
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files with titles are written, commands of the tutorial run, then all Python in one namespace."""
     monkeypatch.chdir(tmp_path)

@@ -270,15 +270,14 @@ def _follow_rays(
     return join(crossed), join(ended), 1.0
 
 
-def _nearest_singular(
-    centre: _Centre, crossed: _RaySegments, reach: float, *, max_starts: int = 8
-) -> _Poses | None:
+def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
     """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
     its sign by a jump to another branch. The foot points are sought from the nearest `max_starts` sign
     changes on the segments `crossed`. `reach` is in robot lengths and rad.
     """
+    max_starts = 8
     ends = _locate_ends(centre, crossed)
     is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
     candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), max_starts))]
@@ -303,17 +302,13 @@ def _least_singular_values(matrices: Array) -> Array:
     return singular_values(matrices)[:, -1]
 
 
-def _locate_ends(
-    centre: _Centre,
-    segments: _RaySegments,
-    *,
-    max_halvings: int = 45,  # of a step on the nearest ray, down to rounding
-    coarse_halvings: int = 10,  # on all rays, enough to find the nearest
-) -> _Poses:
+def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
     """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
 
     The nearest pose is located to rounding; for the other segments a few halvings are enough.
     """
+    max_halvings = 45  # of a step on the nearest ray, down to rounding
+    coarse_halvings = 10  # on all rays, enough to find the nearest
     coarse = _bisect_segments(centre, segments, coarse_halvings)
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
     fine = _bisect_segments(centre, select(coarse, order[:1]), max_halvings - coarse_halvings)
@@ -348,7 +343,7 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, pose: _Poses, *, max_steps: int = 30) -> _Poses | None:
+def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     """Find the foot point of the centre by Newton's method from a pose; None without convergence.
 
     Each step leads from the pose's offset z to the point of the linearised locus that is nearest to the
@@ -356,6 +351,7 @@ def _find_foot(centre: _Centre, pose: _Poses, *, max_steps: int = 30) -> _Poses 
     cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
     to RANK_LOST.
     """
+    max_steps = 30
     for _ in range(max_steps):
         # the step to the point of the linearised locus
         try:
@@ -460,14 +456,14 @@ def _start_within_ranges(robot: ParallelRobot, search: PoseSearch) -> tuple[floa
 
 
 @lru_cache(maxsize=8)
-def _sample_poses(
-    robot: ParallelRobot, start: tuple[float, ...], *, walks: int = 64, walk_steps: int = 60
-) -> tuple[Array, Array]:
+def _sample_poses(robot: ParallelRobot, start: tuple[float, ...]) -> tuple[Array, Array]:
     """Sample poses q (S, nq) at x (S, n), joined to a `start` (nq,) within ranges.
 
     Each of `walks` random walks keeps its direction until a step is refused, at Type 1 or the end of a range.
     Then it continues in a new random direction. All poses of all walks are samples.
     """
+    walks = 64
+    walk_steps = 60
     random = np.random.default_rng(0)
     # where the walks are
     q = np.tile(start, (walks, 1))

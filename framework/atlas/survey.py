@@ -150,15 +150,7 @@ def survey_window(
     return replace(window, shape=grid_shape(columns, size))
 
 
-def _reached_window(
-    robot: ParallelRobot,
-    survey: Window,
-    outermost: Window,
-    keep_limits: bool,
-    *,
-    # [cells] beyond the outermost reached poses, for poses that the survey leaves out
-    margin_cells: float = 2.0,
-) -> Window:
+def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, keep_limits: bool) -> Window:
     """Return the window about the reached poses of a survey, with a margin.
 
     Args:
@@ -166,6 +158,8 @@ def _reached_window(
         outermost: the window to which the result is cut.
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
     """
+    # [cells] beyond the outermost reached poses, for poses that the survey leaves out
+    margin_cells = 2.0
     q, reason = seed_poses(robot, survey, stride=1)  # all poses of the survey: (I, J, nq), (I, J)
     reached = reason == PoseReason.REACHED
     # a joint's share beyond its range is above 0 outside of the range
@@ -180,13 +174,7 @@ def _reached_window(
     return replace(survey, lower=cut_lower, upper=cut_upper)
 
 
-def seed_poses(
-    robot: ParallelRobot,
-    window: Window,
-    stride: int,
-    *,
-    first_pose_tries: int = 9,  # number of poses nearest to the reference of which one must be assembled
-) -> tuple[Array, ReasonArray]:
+def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
@@ -202,6 +190,7 @@ def seed_poses(
         InvalidInput: the window is too wide.
         OutOfReach: no pose near the reference is reached.
     """
+    first_pose_tries = 9  # number of poses nearest to the reference of which one must be assembled
     # the grid of all poses that are computed: that of the window, unless cells are too long
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)

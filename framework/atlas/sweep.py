@@ -146,19 +146,13 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     return ends
 
 
-def _step_once(
-    robot: ParallelRobot,
-    q: Array,
-    start: Array,
-    end: Array,
-    *,
-    newton_steps: int = 10,  # largest number that corrects a prediction
-) -> StepEnds:
+def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
     A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
     OTHER_MODE, or OPEN if the loops do not close.
     """
+    newton_steps = 10  # largest number that corrects a prediction
     # predict
     linearised = linearised_at(robot, q, start)
     # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one

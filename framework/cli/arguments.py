@@ -82,7 +82,7 @@ def take_level(options: Namespace) -> ChosenLevel | None:
 def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled at its reference, as `load_mechanism` does."""
     mechanism = load_mechanism(options)
-    robot = ParallelRobot.of(mechanism)
+    robot = ParallelRobot.assemble_or_advise(mechanism)
     if not mechanism.description.reference and not np.array_equal(robot.q_near, mechanism.q_near):
         options.warnings.append(
             f"{robot.name}: no reference is given; a search has found one within the joints' limits, which "

@@ -431,6 +431,9 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
         return None
     words = typed = [word for word in arguments if word != "--json"]
     options = parser_of(typed).option_actions
+    if "reference" in remedy and "--reference" not in options:  # the command to paste a reference from
+        robot = parser_of(typed).parse_args(typed).robot
+        words, options = ["check", robot], parser_of(["check"]).option_actions
     for name, value in remedy.items():
         flag = f"--{name.replace('_', '-')}"
         if flag not in options:

@@ -62,6 +62,7 @@ FORMATS_OF = {  # formats that take an option; all formats take the others
     "samples": ("ros2_control", "csv"),
     "side": ("ros2_control",),
     "rate": ("csv",),
+    "at": ("csv",),
     "columns": ("csv",),
     "hinges": ("mjcf",),
     "wrench": ("ros2_control", "csv", "controller"),
@@ -98,6 +99,7 @@ def add_export_options(parser: OneLineParser) -> None:
         help=f"points of the trajectory (default: 501), rows of csv (default: {DEFAULT_ROWS})",
     )
     add_rows(parser)
+    add_number(parser, "--at", "T", "rows of csv at these instants instead [s]", nargs="+")
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
     )
@@ -204,7 +206,11 @@ def _plan_of(options: Namespace) -> CrossingPlan:
 def _table_file(options: Namespace, file: FilePath) -> Export:
     """Return the rows of a motion, with their metadata beside the file."""
     plan = _plan_of(options)
-    motion = arguments.motion_rows(options, plan)
+    if options.at is None:
+        motion = arguments.motion_rows(options, plan)
+    else:
+        arguments.refuse_options(options, ("samples", "rate"), "--at says which rows; leave one of them out")
+        motion = plan.samples(at=options.at, columns=options.columns)
     metadata = file.with_name(f"{file.name}-metadata.json")
     size = f"{len(motion.rows)} rows of {len(motion.names)} columns"
     texts = {file: motion.as_csv(), metadata: motion.metadata(file.name)}

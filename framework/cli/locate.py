@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from argparse import Namespace
 from contextlib import suppress
+from itertools import chain
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from framework.cli.parser import (
     add_flexibility,
     add_options,
     add_path,
+    add_reference,
     add_robot,
     add_wrenches,
 )
@@ -39,6 +41,7 @@ UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would
 def add_locate_options(parser: OneLineParser) -> None:
     """Add the arguments of `crossing locate`."""
     add_robot(parser)
+    add_reference(parser)
     add_path(parser)
     add_flexibility(parser)
     add_options(parser, "torque_limit", "speed_limit", "margin")
@@ -53,7 +56,7 @@ def run_locate(options: Namespace) -> Report:
             "of a path, and without one the nearest singular pose is sought; leave it out, or give --scene"
         )
         arguments.refuse_options(options, PATH_OPTIONS, reason)
-        return _report_nearest(robot, shlex.quote(options.robot))
+        return _report_nearest(robot, options)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
     # a request needs a duration, on which singular points do not depend
@@ -110,12 +113,11 @@ def _report_beginning(
     return {"robot": robot.name, "flexibility": robot.flexibility, "singularities": entries}, lines
 
 
-def _report_nearest(robot: ParallelRobot, word: str) -> Report:
-    """Report the singular pose nearest to the reference, and a line on which this command finds a crossing.
-
-    Args:
-        word: the robot as it is named on the command line, quoted for the shell.
-    """
+def _report_nearest(robot: ParallelRobot, options: Namespace) -> Report:
+    """Report the singular pose nearest to the reference, and a line that crosses there for this command."""
+    model = {"set": options.set, "reference": options.reference, "flexibility": [options.flexibility]}
+    stated = [(f"--{key}", *values) for key, values in model.items() if values and values != ["rigid"]]
+    word = shlex.join([options.robot, *chain.from_iterable(stated)])
     nearest = nearest_singular_pose(robot, robot.reference.q)
     document = select_fields(nearest, "status", "distance", "at_least", "leg_end", "unit", "within", "twist")
     document = {"robot": robot.name, "flexibility": robot.flexibility, "nearest_singular_pose": document}

@@ -14,6 +14,7 @@ from framework.numerics.output import Document
 from framework.planning.options import MODEL, MOTION, TYPED
 
 Report = tuple[Document, list[str]]  # for programs, and the lines for people
+MISSING = "what the file does not say, or says otherwise"
 MAX_LISTED = 20  # entries that a report for people lists; the document has all
 
 
@@ -72,17 +73,24 @@ def add_overwrite(parser: OneLineParser) -> None:
 
 def add_missing_fields(parser: OneLineParser) -> None:
     """Add options for fields that a file of a foreign dialect may lack."""
-    group = parser.topic("what the file does not say, or says otherwise")
+    group = parser.topic(MISSING)
+    add_reference(parser)
     for flag, count, metavar, text in (
         ("--platform", None, "FRAME", "frame of the platform"),
         ("--axes", "+", "AXIS", "its axes, of x y z rx ry rz"),
         ("--motors", "+", "JOINT", "joints with a motor"),
-        ("--reference", "+", "JOINT=VALUE", "near an assembled configuration [rad, m]"),
         ("--platform-joints", "+", "JOINT", "joints whose positions are the platform's"),
         ("--lock", "+", "JOINT[=VALUE]", "hold joints, at the reference or at a value [rad, m]"),
         ("--base", None, "LINK", "only what this link carries moves, such as one leg"),
     ):
         group.add_argument(flag, nargs=count, metavar=metavar, help=text)
+
+
+def add_reference(parser: OneLineParser) -> None:
+    """Add --reference."""
+    parser.topic(MISSING).add_argument(
+        "--reference", nargs="+", metavar="JOINT=VALUE", help="near an assembled configuration [rad, m]"
+    )
 
 
 def add_robot_or_plan(parser: OneLineParser) -> None:

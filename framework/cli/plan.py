@@ -17,6 +17,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
+    add_number,
     add_options,
     add_out,
     add_path,
@@ -48,7 +49,6 @@ from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
-from framework.proofs.working_modes import working_modes
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
@@ -121,6 +121,7 @@ def add_plan_options(parser: OneLineParser) -> None:
         help=f"rows of motion.csv (default: {DEFAULT_ROWS})",
     )
     add_rows(parser)
+    add_number(parser, "--at", "T", "print torques and platform at these instants [s]", nargs="+")
     parser.add_argument(
         "--raw",
         action="store_true",
@@ -143,12 +144,24 @@ def run_plan(options: Namespace) -> Report:
     with arguments.written_out(options, FILE, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
         document = plan_document(plan, out) | entries
+        instants = _instants(plan, options)
         if folder is not None:
             options.progress.start("drawing the figures")
             _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
     if replaced:
         options.written += replaced
-    return document, plan_lines(plan) + lines
+    table = [[f"{value:.6g}" for value in row.values()] for row in instants]
+    rows = ["  " + "\t".join(row) for row in [[*instants[0]], *table]] if instants else []
+    return document | ({"instants": instants} if instants else {}), [*plan_lines(plan), *lines, *rows]
+
+
+def _instants(plan: CrossingPlan, options: Namespace) -> list[dict[str, float]]:
+    """Return the columns of motion.csv at the instants of --at, a dictionary an instant."""
+    if options.at is None:
+        return []
+    columns = ["time", "s", *(f"platform_{axis}" for axis in plan.robot.axis_names), "torque"]
+    table = plan.samples(at=options.at, columns=options.columns or columns)
+    return [dict(zip(table.names, row, strict=True)) for row in table.rows.tolist()]
 
 
 def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, Request]:
@@ -177,6 +190,8 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
         InvalidInput: an unknown motor, or no pose with these legs flipped.
         NoAnswer: no line in joints leads there.
     """
+    from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
+
     for motor in motors:
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
@@ -217,7 +232,9 @@ def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
         raise InvalidInput("--sensors: of the controller that --robust asks for").advising({"sensors": None})
     if asks_for_rows and options.raw:
         raise InvalidInput("--rate, --columns: of a plan's rows; leave --raw out")
-    if asks_for_rows and options.out is None:
+    if options.at is not None and options.raw:
+        raise InvalidInput("--at: of a plan with a proof; leave --raw out").advising({"raw": None})
+    if asks_for_rows and options.at is None and options.out is None:
         raise InvalidInput("--rate, --columns: of the rows that --out writes; give --out FOLDER")
 
 

@@ -15,6 +15,7 @@ from framework.cli.parser import (
     add_flexibility,
     add_number,
     add_options,
+    add_reference,
     add_robot,
     add_wrenches,
 )
@@ -55,6 +56,7 @@ WORST = (
 def add_pose_options(parser: OneLineParser) -> None:
     """Add the arguments of `crossing pose`."""
     add_robot(parser)
+    add_reference(parser)
     group = parser.topic("which pose")
     add_number(
         group,
@@ -99,7 +101,7 @@ def run_pose(options: Namespace) -> Report:
         return _report_near(options)
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
-        motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
+        motors = options.motor_joints or robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
         remedy = {"platform": None, "motors": motors}
         raise InvalidInput("give either --motors or --platform").advising(remedy)
     stated = [name for name in OF_ONE_POSE if getattr(options, name) is not None]

@@ -34,6 +34,7 @@ OFF_PATH = (
 )
 TRACKING = "  tracking error    {0.tracking_error:.2e} {1} from the planned path"
 TURNING = "                    {0.turning_error:.2e} rad from the planned orientation"
+FRAME = "                    {0.frame_error:.2e} m of {0.robot.description.platform.frame} from its place"
 DRIFT = """\
   drift             loops closed to {0.closure_error:.1e} m or rad
   energy            balances to {0.energy_error:.1e} of what is exchanged"""
@@ -48,10 +49,10 @@ def add_simulate_options(parser: OneLineParser) -> None:
         "--method",
         choices=tuple(METHODS),
         default="reference",
-        help="reference: steps to 1e-12; stiff: to 1e-7; fast, explicit: fixed ones (default: reference)",
+        help="reference: steps to 1e-12; stiff: to 1e-7; fast: fixed ones; explicit (deprecated): reference",
     )
     add_number(group, "--tolerance", "E", "largest error of reference and stiff [rad, robot lengths]")
-    add_number(group, "--step", "H", "time step of fast and explicit, longest one of others [s]")
+    add_number(group, "--step", "H", "time step of fast, longest one of others [s]")
     add_number(group, "--damping", "D", "viscous, on every joint [N m s/rad, N s/m]")
     parser.add_argument(
         "--sensors",
@@ -123,6 +124,8 @@ def simulation_lines(result: Simulation) -> list[str]:
         lines.append(TRACKING.format(result, unit))
     if result.turning_error is not None:
         lines.append(TURNING.format(result))
+    if result.frame_error is not None:
+        lines.append(FRAME.format(result))
     return [*lines, DRIFT.format(result)]
 
 

@@ -118,14 +118,14 @@ def run_closed_loop(
     q, v = robots.start  # (R, nq), (R, nv)
     last_dx = None  # (R, n) rates of the platform at the last instant
     for k in range(last + 1):
+        measured, true_x, last_dx = robots.measure(k, q, v, last_dx)
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
-            x.append(robots.platform_coordinates(k, q, v))
+            x.append(true_x)
             is_near = _deviation(ref, x[-1], ref.x[k]) < MAX_DEVIATION  # false for NaN
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
         # a controller may divide by zero at Type 2: an undefined torque counts as none
-        measured, last_dx = robots.measure(k, q, v, last_dx)
         with np.errstate(all="ignore"):
             command = driver.torque(k, measured._replace(command=commands[k - 1] if k else None))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
@@ -279,16 +279,10 @@ class _VariedRobots(NamedTuple):
             *(smoothing_speed, noise),
         )
 
-    def platform_coordinates(self, k: int, q: Array, v: Array) -> Array:
-        """Compute platform coordinates (R, n) at instant k, with angles near the planned ones.
+    def measure(self, k: int, q: Array, v: Array, last_dx: Array | None) -> tuple[Measurement, Array, Array]:
+        """Read the sensors at instant k, with their noise and steps.
 
-        q (R, nq) and v (R, nv) are the configurations and joint rates of the R robots.
-        """
-        x, _ = self.stepper.platform(q, v)  # without the rates
-        return self.reference.robot.platform.unwrap(x, self.reference.x[k])
-
-    def measure(self, k: int, q: Array, v: Array, last_dx: Array | None) -> tuple[Measurement, Array]:
-        """Read the sensors at instant k, with their noise and steps; return also the platform's rates.
+        Return also the true coordinates of the platform, angles near the planned ones, and their rates.
 
         The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
         dq/dx.
@@ -308,11 +302,13 @@ class _VariedRobots(NamedTuple):
         angle = robot.gear_ratio * _round_to(position, self.motor_step)
         speed = robot.gear_ratio * rates[:, motors]
 
-        true_x = self.platform_coordinates(k, q, v)
-        _, twist = self.stepper.platform(q, v)
+        coordinates, twist = self.stepper.platform(q, v)
+        true_x = robot.platform.unwrap(coordinates, ref.x[k])
         true_dx = solve(robot.platform.rate_matrix(true_x), twist)
-        dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
-        x, dx = true_x + matvec(dx_dq, noise), true_dx + matvec(dx_dq, rate_noise)
+        x, dx = true_x, true_dx
+        if self.noise is not None:
+            dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
+            x, dx = x + matvec(dx_dq, noise), dx + matvec(dx_dq, rate_noise)
         state = RobotState(integrate(robot, q, noise), rates, x, dx) if sensors.state else None
 
         # readings less the planned ones
@@ -327,7 +323,7 @@ class _VariedRobots(NamedTuple):
             before = true_dx if last_dx is None else last_dx
             change = true_dx - before - (ref.dx[k] - ref.dx[max(k - 1, 0)])
             readings.append(change / ref.period)
-        return Measurement(angle, speed, state, np.concatenate(readings, axis=1)), true_dx
+        return Measurement(angle, speed, state, np.concatenate(readings, axis=1)), true_x, true_dx
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
         """Compute the states one period after instant k under motor torques `torque` (R, n_a) [N m].

@@ -113,15 +113,7 @@ def solve_deflections(
     return _iterate_passes(branch, choose_law, tolerance, at_rest)
 
 
-def _iterate_passes(
-    branch: Branch,
-    choose_law: LawChoice,
-    tolerance: float,
-    current: Pass,
-    *,
-    # change by a pass over the change by the last pass; above this ratio, passes end
-    good_contraction: float = 0.3,
-) -> Pass:
+def _iterate_passes(branch: Branch, choose_law: LawChoice, tolerance: float, current: Pass) -> Pass:
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
     Args:
@@ -129,6 +121,8 @@ def _iterate_passes(
         tolerance: relative change of deflections that counts as settled.
         current: the first pass.
     """
+    # change by a pass over the change by the last pass; above this ratio, passes end
+    good_contraction = 0.3
     robot, grid = branch.robot, current.grid
     last_change = np.inf
     for passes in count(1):
@@ -189,14 +183,7 @@ def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
     )
 
 
-def _relative_size(
-    robot: ParallelRobot,
-    residual: Array,
-    current: Pass,
-    *,
-    # [rad, robot lengths] a change that is rounding, however small the deflections
-    deflection_rounding: float = 1e-18,
-) -> float:
+def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:
     """Return the largest ratio of a residual (T, n_e) to the largest deflection or spring force.
 
     A residual is compared as a deflection with the largest deflection, and as a force with the largest force;
@@ -207,6 +194,8 @@ def _relative_size(
         residual: deflections [rad, m].
         current: the pass with the largest deflection and force.
     """
+    # [rad, robot lengths] a change that is rounding, however small the deflections
+    deflection_rounding = 1e-18
     scale = spring_scale(robot)
     stiffness = robot.stiffness
     if np.abs(residual / scale).max(initial=0.0) <= deflection_rounding:

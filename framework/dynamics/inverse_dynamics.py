@@ -201,8 +201,6 @@ def resolve(
     tolerance: float,
     friction: str,
     known: KnownDeflections | None = None,
-    # relative, of the deflections by one more pass; above, they are discarded
-    max_usable_change: float = 1e-2,
 ) -> InverseDynamics:
     """Compute torques on finer and finer grids until their series are resolved.
 
@@ -220,6 +218,8 @@ def resolve(
     Raises:
         NoAnswer: as `inverse_dynamics`.
     """
+    # relative, of the deflections by one more pass; above, they are discarded
+    max_usable_change = 1e-2
     check_tolerance(tolerance)
     robot = searched.branch.robot
     law = choose_law(None)  # for springs at rest

@@ -272,9 +272,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     return _Prediction(motion, tangent, share, is_whole, size=size_to_end * fraction)
 
 
-def _correct_steps(
-    robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load, *, max_iterations: int = 8
-) -> _Corrected:
+def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
     """Correct predicted steps `ahead` of the points `start` to the curve by Newton's method.
 
     A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
@@ -282,6 +280,7 @@ def _correct_steps(
     whose corrections are large beside the step itself is given up, since it may lead to another branch.
     Each iteration changes the rows of the steps that are not yet finished in place.
     """
+    max_iterations = 8
     end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
     length = np.linalg.norm(ahead.step, axis=1)
     correction = np.zeros(len(length))  # largest entries of all Newton steps so far, [rad, lengths]

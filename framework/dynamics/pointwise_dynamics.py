@@ -273,16 +273,13 @@ class _TaylorMotion(NamedTuple):
         """Compute the Type 2 matrices (T, n, n) at instants (T,) [s]."""
         return type2_matrix(self.robot, self.evaluate(times).linearised)
 
-    def choose_half_panel(
-        self,
-        *,
-        max_joint_travel: float = 0.05,  # [rad, robot lengths] from the middle of the panel to either end
-    ) -> float:
+    def choose_half_panel(self) -> float:
         """Return the time t [s] in which no joint moves more than its travel [rad, robot lengths].
 
         Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk of the joints is not known,
         so that of the platform stands for it. Term k gives t = (k! travel / largest derivative)^(1/k).
         """
+        max_joint_travel = 0.05  # [rad, robot lengths] from the middle of the panel to either end
         scale = self.robot.column_scale
         jerk = self.rates[2] / self.robot.platform_scale
         derivatives = (self.singular.v / scale, self.singular.a / scale, jerk)
@@ -292,15 +289,7 @@ class _TaylorMotion(NamedTuple):
         with np.errstate(divide="ignore"):  # a derivative that is zero does not limit t
             return float(np.min((factorials * max_joint_travel / largest) ** (1 / orders)))
 
-    def find_crossing(
-        self,
-        half_panel: float,
-        *,
-        # of half a panel: a root of g farther from the instant is another singularity
-        max_root_offset: float = 0.01,
-        # of half a panel: offset to both sides at which the motors must hold the robot
-        side_offset: float = 0.1,
-    ) -> float:
+    def find_crossing(self, half_panel: float) -> float:
         """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
 
         Args:
@@ -309,6 +298,10 @@ class _TaylorMotion(NamedTuple):
         Raises:
             SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
         """
+        # of half a panel: a root of g farther from the instant is another singularity
+        max_root_offset = 0.01
+        # of half a panel: offset to both sides at which the motors must hold the robot
+        side_offset = 0.1
         if self.robot.n_a > self.robot.n:
             return 0.0  # with redundant motors g has a double root, without a change of sign
         root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
@@ -350,7 +343,7 @@ class _TaylorMotion(NamedTuple):
                 wrench,
             )
 
-    def interpolate_forces(self, half_panel: float, *, max_halvings: int = 8) -> Forces:
+    def interpolate_forces(self, half_panel: float) -> Forces:
         """Interpolate joint torques (1, n_a) and spring forces (1, n_e) at t = 0.
 
         The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
@@ -358,6 +351,7 @@ class _TaylorMotion(NamedTuple):
         Raises:
             SingularPose: the series is not resolved.
         """
+        max_halvings = 8
         robot = self.robot
         least_tail = np.inf
         for halvings in range(max_halvings):

@@ -36,15 +36,7 @@ ROUNDING_SHARE = 1e-15  # of the duration: a shorter Newton step to a root of th
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
 
 
-def panel_edges(
-    branch: Branch,
-    law: MotionLaw,
-    avoid: Iterable[float] = (),
-    *,
-    max_crossings_on_panel: int = 3,  # of a law without panels; with more, 512 nodes are slow or not enough
-    # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
-    edge_clearance: float = 0.1,
-) -> Array:
+def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> Array:
     """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
     Edges are the ends of the motion and of the law's panels, and the instants at which the motion passes the
@@ -55,6 +47,9 @@ def panel_edges(
     Args:
         avoid: instants [s] of crossings, which no edge may meet.
     """
+    max_crossings_on_panel = 3  # of a law without panels; with more, 512 nodes are slow or not enough
+    # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
+    edge_clearance = 0.1
     edges = np.array([0.0, law.duration])
     law_edges = edges_of(law)
     if len(law_edges):
@@ -75,9 +70,7 @@ def panel_edges(
     return np.unique(np.concatenate([edges, *find_instants(law, edges, branch.knots)]))
 
 
-def find_instants(
-    law: MotionLaw, edges: Array, places: Sequence[float] | Array, *, newton_steps: int = 3
-) -> list[Array]:
+def find_instants(law: MotionLaw, edges: Array, places: Sequence[float] | Array) -> list[Array]:
     """Find for each of k places s all instants [s] with law(t) = s, ascending.
 
     The roots of the law's Chebyshev series are refined by Newton's method on the law itself.
@@ -86,6 +79,7 @@ def find_instants(
         edges: instants [s] between which the law is smooth.
         places: path coordinates (k,).
     """
+    newton_steps = 3
     if not len(places):
         return []
     grid = TimeGrid(edges, 65)  # nodes per panel; Newton's method removes what the series does not resolve
@@ -240,23 +234,19 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 
 
-def probe_instants(t: float, duration: float, *, probe: float = 1e-6) -> list[float]:
+def probe_instants(t: float, duration: float) -> list[float]:
     """Return the instant t [s] of a crossing and a second one, for the slope of g.
 
     The second is towards the middle of the motion.
 
     Args:
-        probe: their distance, as a share of the duration.
     """
+    probe = 1e-6  # their distance, as a share of the duration
     return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]
 
 
 def deformed_crossing(
-    result: InverseDynamics,
-    at_rest: SingularityCrossing,
-    probes: Checkpoints,
-    *,
-    law_root_rounding: float = 1e-12,  # |g| at the crossing for which a law was made
+    result: InverseDynamics, at_rest: SingularityCrossing, probes: Checkpoints
 ) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
@@ -269,6 +259,7 @@ def deformed_crossing(
             of t_s.
         probes: the motion at the `probe_instants` of this crossing.
     """
+    law_root_rounding = 1e-12  # |g| at the crossing for which a law was made
     robot = result.robot
 
     def matrices(t: Array) -> Array:

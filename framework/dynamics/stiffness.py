@@ -232,13 +232,7 @@ def platform_stiffness(
 # ------------------------------------------------------------------ under load
 
 
-def _find_equilibrium(
-    robot: ParallelRobot,
-    q: Array,
-    wrench: ArrayLike | None,
-    *,
-    max_steps: int = 200,  # of Newton's method, which converges quadratically at the end
-) -> tuple[Array, Load]:
+def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
     """Minimise V - w . x subject to c = 0 from q (nq,); return equilibrium and load.
 
     Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
@@ -248,6 +242,7 @@ def _find_equilibrium(
         InvalidInput: the wrench has no potential.
         NotConverged: there is no equilibrium near q, or only one with deflections beyond MAX_DEFLECTION.
     """
+    max_steps = 200  # of Newton's method, which converges quadratically at the end
     columns = robot.unlocked
     lengths = robot.column_scale[columns]
     load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))

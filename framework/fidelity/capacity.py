@@ -169,12 +169,7 @@ class _Multiples:
         return replace(capacity, multiple=multiple, plan=answer)
 
 
-def _bracket_capacity(
-    task: _Multiples,
-    capacity: Capacity,
-    *,
-    max_multiple: float = 2.0**20,  # beyond, the capacity counts as unbounded; below one over it, as zero
-) -> Capacity:
+def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
     From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket from
@@ -184,6 +179,7 @@ def _bracket_capacity(
     Args:
         capacity: that of the multiple 0, with its plan.
     """
+    max_multiple = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
     multiple = 1.0
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
     while 1.0 / max_multiple <= multiple <= max_multiple:
@@ -220,18 +216,14 @@ def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) ->
     return trial if capacity.multiple < trial < capacity.end else middle
 
 
-def _bound_capacity(
-    task: _Multiples,
-    capacity: Capacity,
-    *,
-    # multiples over the refused one, in turn
-    impossible_ratios: tuple[float, ...] = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0),
-) -> Capacity:
+def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
 
     The multiples are `impossible_ratios` times the refused one. The bound need not refute that one itself: a
     search may miss a law, and the bound is not sharp.
     """
+    # multiples over the refused one, in turn
+    impossible_ratios = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in impossible_ratios)

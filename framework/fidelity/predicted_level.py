@@ -220,18 +220,15 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
     return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
 
 
-def measure_fall(
-    motion: InverseDynamics,
-    *,
-    # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
-    control_to_fall: float = 10.0,
-) -> tuple[float, MotorControl | None]:
+def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
     """Return the time constants of the robot's fall in a motion, and the feedback that the motors need.
 
     A robot falls where weight or the motors' torques drive the platform off its path
     (`open_loop.fall_exponent`). The motors have feedback only if it falls for more than MAX_FALL time
     constants; otherwise the feedback is None.
     """
+    # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
+    control_to_fall = 10.0
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
         return fall, None

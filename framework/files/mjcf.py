@@ -230,14 +230,7 @@ def _acceptable_inertia(inertia: Array) -> Array:
     return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
-def _add_loops(
-    robot: ParallelRobot,
-    root: Element,
-    bodies: list[Element],
-    zero: Array,
-    *,
-    point_distance: float = 0.1,  # [robot lengths] between the points that close a hinge or a weld
-) -> None:
+def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element], zero: Array) -> None:
     """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
 
     `bodies` are the elements of the bodies, by number of pinocchio's joint; `zero` (nq,) is MuJoCo's zero
@@ -246,6 +239,7 @@ def _add_loops(
     A closure makes the origins of its two frames coincide. If it also locks turns, further points of both
     frames coincide, each on one axis of the frame (`OFF_ORIGIN`).
     """
+    point_distance = 0.1  # [robot lengths] between the points that close a hinge or a weld
     frames = {robot.model.frames[k].name: robot.model.frames[k] for k in robot.frames}
     for name, frame in frames.items():
         _add_site(bodies, name, frame, np.zeros(3))

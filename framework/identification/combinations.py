@@ -120,11 +120,12 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
     return np.sort(pivot_rows(matrix.T)[:rank])
 
 
-def format_combination(names: Sequence[str], coefficients: Array, *, max_terms: int = 8) -> str:
+def format_combination(names: Sequence[str], coefficients: Array) -> str:
     """Format a combination of p parameters as text: `a + 0.25 b - c`.
 
     `names` and `coefficients` (p,) are those of all parameters; at most `max_terms` terms are named.
     """
+    max_terms = 8
     nonzero = np.flatnonzero(coefficients)
     if not nonzero.size:
         return "0"

@@ -360,12 +360,11 @@ def _search(
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
-    *,
-    success: float = 1.5,  # growth of the step after a success
-    least_step: float = 1e-3,  # [rad, robot lengths]
-    largest_step: float = 0.05,
 ) -> _Found:
     """Search the motion z (K, n) of least cost by an evolution strategy."""
+    success = 1.5  # growth of the step after a success
+    least_step = 1e-3  # [rad, robot lengths]
+    largest_step = 0.05
     robot = design.robot
     times = design.period * np.arange(INSTANTS) / INSTANTS
     functions = design.functions(times)

@@ -154,8 +154,10 @@ class Identification(ReadOnlyArrays):
             f"{self._find_reason()}",
         )
 
-    def _find_reason(self, *, coarse: float = 0.05, unexplained: float = 0.5) -> str:
+    def _find_reason(self) -> str:
         """Say why the data determine no twin: `coarse` steps of a torque, or a share left `unexplained`."""
+        coarse = 0.05
+        unexplained = 0.5
         motors = self.robot.actuator_names
         worst = int(np.argmax(self.steps))
         if self.steps[worst] > coarse:
@@ -574,12 +576,11 @@ def _refuse_mistaken_columns(
     data: Recording,
     poses: str | None,
     start: Mapping[str, float] | None,
-    *,
-    max_instants: int = 100,
-    max_factor: float = 4.0,  # of the masses in the file
-    min_moving: float = 0.2,  # share of the equations at instants whose motors move
 ) -> None:
     """Raise InvalidInput if one change of a column brings the torques near what the file's bodies need."""
+    max_instants = 100
+    max_factor = 4.0  # of the masses in the file
+    min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
 
     # the file's bodies times a factor, and rotors, damping and friction, within what this robot can have

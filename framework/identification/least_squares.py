@@ -65,7 +65,6 @@ def estimate(
     start: Array,
     *,
     errors: Mapping[str, float] = MappingProxyType(SENSOR_ERRORS),
-    passes: int = 4,
 ) -> Estimate:
     """Estimate f parameters with beta = start + design @ parameters from the valid equations.
 
@@ -73,11 +72,11 @@ def estimate(
         design: (r, f) derivatives of the base parameters beta.
         start: (r,) base parameters where the parameters are zero.
         errors: standard deviations of the sensors' errors, by names of `SENSOR_ERRORS`; 0 for none.
-        passes: of weighting by the residuals of the solution before.
 
     Raises:
         InvalidInput: fewer equations than parameters.
     """
+    passes = 4  # of weighting by the residuals of the solution before
     count = int(np.count_nonzero(rows.valid))
     if count <= design.shape[1]:
         raise InvalidInput(
@@ -124,11 +123,12 @@ def estimate(
     return Estimate(root, right, noise, offset, order, count)
 
 
-def _remove_noise(R: Array, right: Array, E: Array, *, most: float = 0.5) -> tuple[Array, Array]:
+def _remove_noise(R: Array, right: Array, E: Array) -> tuple[Array, Array]:
     """Correct the equations R z = right (f,) for the information of the noise's rows E (N, f).
 
     Equations with a share of noise above `most` of their information become zero.
     """
+    most = 0.5
     lengths = np.linalg.norm(R, axis=0)
     lengths[lengths == 0.0] = 1.0
     inverse = np.linalg.pinv(R / lengths, rcond=RANK_ROUNDING)

@@ -212,17 +212,7 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
 # ------------------------------------------------------------------ smoothing
 
 
-def smooth(
-    times: Array,
-    samples: Array,
-    cutoff: float | None = None,
-    *,
-    min_coefficients: int = 8,
-    max_share: float = 0.3,  # of coefficients among the samples
-    growth: float = 1.25,  # of the number of coefficients, from one trial to the next
-    refinement: float = 1.6,  # coefficients for derivatives, over those for the curve
-    noise_runs: int = 8,  # simulated noise from which that of the derivatives is estimated
-) -> SmoothedSamples:
+def smooth(times: Array, samples: Array, cutoff: float | None = None) -> SmoothedSamples:
     """Smooth samples (T, k) at increasing times (T,), and differentiate them twice.
 
     The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
@@ -231,6 +221,11 @@ def smooth(
     Raises:
         InvalidInput: the cutoff is outside the range that the samples allow.
     """
+    min_coefficients = 8
+    max_share = 0.3  # of coefficients among the samples
+    growth = 1.25  # of the number of coefficients, from one trial to the next
+    refinement = 1.6  # coefficients for derivatives, over those for the curve
+    noise_runs = 8  # simulated noise from which that of the derivatives is estimated
     duration = times[-1] - times[0]
     most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
@@ -268,11 +263,12 @@ def smooth(
     )
 
 
-def _fit_spline(times: Array, samples: Array, count: int, *, degree: int = 5) -> Callable[..., Array]:
+def _fit_spline(times: Array, samples: Array, count: int) -> Callable[..., Array]:
     """Fit a spline of `count` coefficients to samples (T, k) by least squares.
 
     Knots are equally spaced in time or, where a gap would leave two knots without a sample, in samples.
     """
+    degree = 5
     from scipy.interpolate import make_lsq_spline
 
     knots = np.linspace(times[0], times[-1], count - degree + 1)
@@ -284,8 +280,9 @@ def _fit_spline(times: Array, samples: Array, count: int, *, degree: int = 5) ->
     return spline
 
 
-def _cross_validation(times: Array, samples: Array, count: int, *, cost: float = 1.4) -> float:
+def _cross_validation(times: Array, samples: Array, count: int) -> float:
     """Compute the logarithm of the generalised cross-validation score, summed over the signals (T, k)."""
+    cost = 1.4
     residual = samples - _fit_spline(times, samples, count)(times)
     rounding = np.finfo(float).eps * np.abs(samples).max(axis=0) + np.finfo(float).tiny
     rms = np.sqrt(np.mean(residual**2, axis=0)) + rounding
@@ -323,13 +320,7 @@ def _add_noise(robot: ParallelRobot, motion: Motion, noise: Array, *, of_motors:
     return replace(motion, v=motion.v + dv, a=motion.a + da)
 
 
-def _poses_of_motors(
-    robot: ParallelRobot,
-    q_a: Array,
-    progress: Callable[[int], None],
-    *,
-    largest_step: float = 0.05,  # [rad, robot lengths] of a motor between poses that are followed
-) -> Array:
+def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
     """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq).
 
     Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
@@ -341,6 +332,7 @@ def _poses_of_motors(
     Raises:
         Type2Singularity: the motors reach a singularity before the last instant.
     """
+    largest_step = 0.05  # [rad, robot lengths] of a motor between poses that are followed
     check_motors_are_free(robot)
     travel = np.abs(np.diff(q_a, axis=0, prepend=q_a[:1])) / robot.column_scale[robot.actuated]
     cell = (travel.max(axis=1).cumsum() / largest_step).astype(int)  # (T,) samples of a cell share a guess
@@ -406,11 +398,12 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     )
 
 
-def _motion_of_platform(robot: ParallelRobot, platform: Array, *, stride: int = 16) -> Motion:
+def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
     """Compute the motion of all joints from x, dx and ddx of the platform, (3, T, n).
 
     Every `stride`-th pose is closed from the one before, and all others from these.
     """
+    stride = 16
     x, dx, ddx = platform
     pose = assemble(robot, x[0]).q[None]  # (1, nq), a stack of one configuration
     coarse = []

@@ -43,14 +43,9 @@ class TorqueRows(NamedTuple):
         return self._replace(valid=self.valid & instants[:, None])
 
 
-def torque_rows(
-    robot: ParallelRobot,
-    measured: MeasuredMotion,
-    base: BaseParameters,
-    *,
-    chunk: int = 512,  # instants whose regressors of all joints are in memory at once
-) -> TorqueRows:
+def torque_rows(robot: ParallelRobot, measured: MeasuredMotion, base: BaseParameters) -> TorqueRows:
     """Compute the equations of the motor torques at the T instants of a recorded motion."""
+    chunk = 512  # instants whose regressors of all joints are in memory at once
     leading = base.combinations.leading
     scale = np.sqrt(np.mean(measured.torque**2, axis=0))  # (n_a,) the diagonal of E
     matrices, noises, constants, torques, motion_noise, least = [], [], [], [], [], []

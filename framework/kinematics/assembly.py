@@ -89,19 +89,14 @@ def close_reference(mechanism: Mechanism) -> Closing:
     return closing
 
 
-def _close(
-    mechanism: Mechanism,
-    start: Array,
-    free: IntArray,
-    *,
-    rounding_gap: float = 1e-15,  # [rad, robot lengths] residual that no Newton step improves
-    max_halvings: int = 14,  # of a Newton step by the line search
-) -> Closing:
+def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     """Close all loops from `start` (nq,) by Newton steps of least norm in the columns `free` (k,).
 
     A line search halves each step until the norm of the loop equations decreases. If the loops do not close,
     the result is the best iterate.
     """
+    rounding_gap = 1e-15  # [rad, robot lengths] residual that no Newton step improves
+    max_halvings = 14  # of a Newton step by the line search
     q = start
     norm = float(np.linalg.norm(scaled_residual(mechanism, start)))  # [robot lengths, rad]
     iterations = 0
@@ -229,9 +224,6 @@ def nearby_configurations(
     reference: Array,
     *,
     distance: float = NEARBY_DISTANCE,  # [rad, robot lengths] of the joint that moves most
-    same_direction_cosine: float = 0.99,  # two directions with a larger |cosine| count as the same
-    max_nearby: int = 2,  # number of configurations
-    draws: int = 8,  # number of random motions that are tried
 ) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about a `distance` from the reference (nq,), springs at rest.
 
@@ -239,6 +231,9 @@ def nearby_configurations(
     are closed again. The configurations lie in different directions from the reference. A rigid structure has
     none.
     """
+    same_direction_cosine = 0.99  # two directions with a larger |cosine| count as the same
+    max_nearby = 2  # number of configurations
+    draws = 8  # number of random motions that are tried
     joints = mechanism.joints
     scale = mechanism.column_scale  # (nv,) the robot's length [m] for slides, 1 for turns
     # (f, joints) null space of the loops: the motions that they allow

@@ -286,16 +286,13 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _find_nearest_offsets(
-    group: _Group,
-    *,
-    enough_poses: int = 8,  # number of closed poses after which the search ends
-) -> Array:
+def _find_nearest_offsets(group: _Group) -> Array:
     """Find the smallest offsets (k,) that close a group's loops, from several starts.
 
     Raises:
         NotAssembled: no start leads to a closed pose.
     """
+    enough_poses = 8  # number of closed poses after which the search ends
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     half_range = np.where(turning, np.pi, 1.0)  # of joints without limits: half a turn, a length of the robot

@@ -16,15 +16,7 @@ import numpy as np
 from framework.numerics.arrays import Array
 
 
-def oriented_bases(
-    J: Array,
-    X: Array,
-    row_space: Array,
-    q: Array,
-    *,
-    largest_step: float = 0.5,  # [rad, m] between neighbours of a sequence of poses
-    least_overlap: float = 0.5,  # det U_1'U_2 of neighbours
-) -> Array:
+def oriented_bases(J: Array, X: Array, row_space: Array, q: Array) -> Array:
     """Compute orthonormal bases U (T, R, m) of the ranges of J (T, R, k), oriented by Type 1.
 
     A stack in which all poses are near their neighbours is a sequence and has one orientation. So a
@@ -35,6 +27,8 @@ def oriented_bases(
         row_space: (k, m) basis V of the row space at the reference, with J V orthonormal.
         q: (T, nq) the poses.
     """
+    largest_step = 0.5  # [rad, m] between neighbours of a sequence of poses
+    least_overlap = 0.5  # det U_1'U_2 of neighbours
     U = _smooth_bases(J, row_space)
     square = np.concatenate([X, U.swapaxes(1, 2) @ J], axis=1)  # (T, n + m, k) Type 1
     if not len(U) or square.shape[1] != square.shape[2]:
@@ -70,12 +64,13 @@ def row_space_basis(J: Array, m: int) -> Array:
     return np.asarray(V_rows[:m].T / values[:m])
 
 
-def _smooth_bases(J: Array, row_space: Array, *, least_share: float = 0.1) -> Array:
+def _smooth_bases(J: Array, row_space: Array) -> Array:
     """Compute bases (T, R, m) of the ranges of J by Gram-Schmidt of J V, V (k, m).
 
     V is the row space at the reference if it serves the whole stack, else that of the middle pose. J V loses
     rank where the loops allow a motion in V. Near this the basis is made of singular vectors.
     """
+    least_share = 0.1
     m = row_space.shape[1]
     U, share = _positive_qr(J @ row_space)
     if share.min(initial=1.0) < least_share:

@@ -133,10 +133,7 @@ def refuse_singular_reference(
                 mechanism.name,
                 rows=[mechanism.rows.names[k] for k in rows],
                 joints=[mechanism.coordinates.name_of(passive[k]) for k in joints],
-                poses=[
-                    {name: float(f"{value:.6g}") for name, value in mechanism.reference_values(pose).items()}
-                    for pose in poses[1:]
-                ],
+                poses=[mechanism.printed_reference(pose) for pose in poses[1:]],
             )
 
 

@@ -111,7 +111,7 @@ class Mechanism(ReadOnlyArrays):
             platform_joints=platform_joints,
             parameters=parameters,
         )
-        return cls.of(_build_mechanism(parsed, flexibility))
+        return cls.assemble_or_advise(_build_mechanism(parsed, flexibility))
 
     @classmethod
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
@@ -168,7 +168,7 @@ class Mechanism(ReadOnlyArrays):
         parsed = parse_pinocchio(
             model, closures, actuators, platform, reference=reference, name=name, keys=keys
         )
-        return cls.of(_build_mechanism(parsed, flexibility))
+        return cls.assemble_or_advise(_build_mechanism(parsed, flexibility))
 
     def constraint_models(self) -> list[pin.RigidConstraintModel]:
         """Return the loops as pinocchio's constraints on `model`: points, poses, and hinges as two points.
@@ -191,6 +191,11 @@ class Mechanism(ReadOnlyArrays):
     def of(cls, mechanism: Mechanism) -> Self:
         """Return the mechanism of a robot without the fields that `ParallelRobot` adds."""
         return cls(**{field.name: getattr(mechanism, field.name) for field in fields(Mechanism)})
+
+    @classmethod
+    def assemble_or_advise(cls, mechanism: Mechanism) -> Self:
+        """Return a user's mechanism, whose loops need not close; a `ParallelRobot` is assembled."""
+        return cls.of(mechanism)
 
     @property
     def name(self) -> str:
@@ -292,6 +297,10 @@ class Mechanism(ReadOnlyArrays):
         """Return q (nq,) as a `reference` of a robot file: positions by name [rad, m], without springs."""
         values = self.coordinates.positions(q[None])[0]
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
+
+    def printed_reference(self, q: Array) -> dict[str, float]:
+        """Return q (nq,) as a `reference` at the six digits that messages print."""
+        return {name: float(f"{value:.6g}") for name, value in self.reference_values(q).items()}
 
     def with_nearby_pose(self, q: Array) -> Self:
         """Return the mechanism with the pose q (nq,) in the place of its file's reference."""

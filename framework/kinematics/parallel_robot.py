@@ -13,8 +13,9 @@ from typing import Self
 
 import numpy as np
 
-from framework.errors import FrameworkError, SingularReference, expect, point
-from framework.kinematics.assembly import Configuration, nearby_configurations
+from framework.errors import FrameworkError, NotAssembled, SingularReference, expect, point
+from framework.kinematics.assembly import Configuration, nearby_configurations, remark_on_turns
+from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.couplings import coupling_jacobian, coupling_pattern
 from framework.kinematics.frames import FrameStack, frames_at, scratch_of
 from framework.kinematics.loop_structure import (
@@ -100,6 +101,23 @@ class ParallelRobot(Mechanism):
             structure=structure,
             equations=Equations.of(mechanism, platform, structure, moving, len(actuated)),
         )
+
+    @classmethod
+    def assemble_or_advise(cls, mechanism: Mechanism) -> Self:
+        """Assemble a user's mechanism; a refusal advises a reference that a search finds, tried.
+
+        Raises:
+            NotAssembled: the loops do not close near the reference, or in no pose that the search finds.
+            SingularReference: as `of`.
+        """
+        try:
+            return cls.of(mechanism)
+        except NotAssembled as failure:
+            if remark_on_turns(mechanism, mechanism.description.reference):
+                raise  # the angles seem to be in degrees: a search would only hide this
+            pose = mechanism.printed_reference(find_closed_pose(mechanism).q)
+            remedy = {"reference": pose} if cls._serves(mechanism, pose) else None
+            raise failure.advising(remedy) from None
 
     @property
     def n(self) -> int:

@@ -94,8 +94,9 @@ def _read_values(name: str, given: Any) -> list[float]:
         raise RobotFileError(str(error)) from None
 
 
-def _evaluate(expression: str, values: Mapping[str, float], *, max_characters: int = 200) -> float:
+def _evaluate(expression: str, values: Mapping[str, float]) -> float:
     """Compute the finite value of an arithmetic expression of parameters `values`."""
+    max_characters = 200
     where = f"${{{expression[:60]}}}"
     if len(expression) > max_characters:
         raise RobotFileError(f"{where}: more than {max_characters} letters")

@@ -148,17 +148,13 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
     return vertices, faces
 
 
-def _read_color(
-    material: Element | None,
-    materials: Mapping[str | None, Element],
-    *,
-    default: Color = (0.9, 0.9, 0.9, 1.0),  # of a visual without a colour
-) -> Color:
+def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
     """Read the colour (red, green, blue, alpha) of a visual with a `material`.
 
     If the material has no colour, the one of the same name in `materials`, those of the robot, counts.
     Without any colour it is `default`.
     """
+    default = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
     if material is None:
         return default
     of_robot = materials.get(material.get("name"))

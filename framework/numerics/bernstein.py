@@ -44,17 +44,14 @@ def cell_nodes() -> Array:
     return read_only(0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
 
 
-def fit_bernstein(
-    values: Array,
-    *,
-    value_rounding: float = 1e-11,  # error of values at nodes, relative to the largest coefficient
-) -> tuple[Bernstein, BoolArray]:
+def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return a mask (k,) of resolved cells.
 
     A cell is resolved if all components of the function are. The Chebyshev series through all nodes is
     truncated after `DEGREE`. The error bound is the sum of three parts: the truncated coefficients; the last
     two coefficients, which bound those that are not computed, see `Bernstein`; and rounding.
     """
+    value_rounding = 1e-11  # error of values at nodes, relative to the largest coefficient
     count, _, *shape = values.shape
     polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # (node, j) T_j at the nodes
     # the interpolating series: polynomials @ series = values

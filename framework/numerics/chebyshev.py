@@ -227,19 +227,15 @@ class TimeGrid(ReadOnlyArrays):
         """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
-    def fit_truncated(
-        self,
-        values: Array,
-        *,
-        # a coefficient below this factor times the largest of the last eighth is rounding
-        noise_factor: float = 3.0,
-    ) -> TimeFunction:
+    def fit_truncated(self, values: Array) -> TimeFunction:
         """Fit the function through values (panels * size, k); set coefficients of rounding size to zero.
 
         The last eighth of the coefficients of a resolved function are rounding errors, and indicate their
         size. Two differentiations amplify a coefficient by up to size^4. Without truncation rounding errors
         would grow in an iteration on second derivatives.
         """
+        # a coefficient below this factor times the largest of the last eighth is rounding
+        noise_factor = 3.0
         series = coefficients(self._stack_panels(values))
         rounding = noise_factor * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
@@ -316,15 +312,7 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
 # ------------------------------------------------------------------ largest values
 
 
-def peak_sizes(
-    function: Callable[[Array], Array],
-    edges: Array,
-    size: int,
-    *,
-    node_ratio: int = 4,  # number of samples over number of Chebyshev coefficients, on each panel
-    # distances between the three points of the parabolas about a maximum, over the distance between samples
-    zoom_steps: tuple[float, ...] = (1.0, 1.0 / 16.0, 1.0 / 256.0),
-) -> Array:
+def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
     The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
@@ -336,6 +324,9 @@ def peak_sizes(
         edges: ends of the panels (panels + 1,) [s].
         size: number of coefficients of the function's series on each panel.
     """
+    node_ratio = 4  # number of samples over number of Chebyshev coefficients, on each panel
+    # distances between the three points of the parabolas about a maximum, over the distance between samples
+    zoom_steps = (1.0, 1.0 / 16.0, 1.0 / 256.0)
     start, end = edges[0], edges[-1]
     t = TimeGrid(edges, node_ratio * size).times  # (T,)
     values = np.abs(function(t))  # (T, k)

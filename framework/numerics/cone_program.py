@@ -238,15 +238,7 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
-def _cone_settings(
-    regularization: float,
-    refinements: int,
-    tolerance: float,
-    *,
-    max_iterations: int = 200,
-    # tolerance of a solution that is accepted although the solver stalls, over `tolerance`
-    stalled_ratio: float = 10.0,
-) -> Any:
+def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
     """Return settings for cone programs.
 
     Args:
@@ -254,6 +246,9 @@ def _cone_settings(
         refinements: number of refinements of their solutions.
         tolerance: of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
     """
+    max_iterations = 200
+    # tolerance of a solution that is accepted although the solver stalls, over `tolerance`
+    stalled_ratio = 10.0
     settings = _settings()
     settings.max_iter = max_iterations
     settings.iterative_refinement_enable = refinements > 0

@@ -78,17 +78,13 @@ def least_singular_values(matrices: NDArray[Any]) -> Any:
     return singular_values(matrices)[..., -1]
 
 
-def are_regular(
-    matrices: Array,
-    level: float,
-    *,
-    cholesky_level: float = 1e-4,  # whose square is well above the rounding of a product of unit size
-) -> BoolArray:
+def are_regular(matrices: Array, level: float) -> BoolArray:
     """Return which matrices (T, m, n) have no singular value below a level, at most `cholesky_level`.
 
     Usually all are regular. The Cholesky factorisation of M M' - c^2 I, or of M'M - c^2 I if M has more rows,
     proves this at a tenth of the cost of singular values: it succeeds only if they are all above c.
     """
+    cholesky_level = 1e-4  # whose square is well above the rounding of a product of unit size
     transposed = matrices.swapaxes(1, 2)
     squares = matrices @ transposed if matrices.shape[1] <= matrices.shape[2] else transposed @ matrices
     try:

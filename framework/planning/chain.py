@@ -18,6 +18,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
+from framework.dynamics.motor_limits import shortest_form
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.errors import InvalidInput, expect, finite_numbers
 from framework.kinematics.frames import difference
@@ -27,9 +28,9 @@ from framework.laws.path import NO_KNOTS, Line, Part, Path, expect_path
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
-from framework.planning.request import SMOOTHNESS
+from framework.planning.request import SMOOTHNESS, specification_of
 from framework.planning.result import CrossingPlan
-from framework.tolerances import SEAM_JUMP
+from framework.tolerances import SEAM_JUMP, SEAM_JUMP_GROWTH
 
 END_SAMPLES = 1001  # of a chain, for the largest speed of its motors
 
@@ -89,7 +90,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
             "plans: only those with the same wrenches, which do not depend on s, can be chained"
         )
 
-    path = MotionPath(tuple(plan.dynamics for plan in plans), tuple(leaves))
+    path = MotionPath(tuple(plans), tuple(leaves))
     law = Law(np.array([0.5, 0.5]), path.duration)
     friction = motor_friction(plans[0].robot, plans[0].request.friction)
     dynamics = _join(path, law, friction)
@@ -104,6 +105,8 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     request = replace(
         plans[0].request,
         path=path,
+        torque_limit=_loosest_limit(plans, "torque_limit"),
+        speed_limit=_loosest_limit(plans, "speed_limit"),
         times=None,
         speeds=None,
         at=None,
@@ -171,12 +174,17 @@ class DepartingCurve:
 class MotionPath:
     """The motion of the platform over its whole time, s = t / duration, as a path.
 
-    pieces: one after the other.
+    plans: one after the other.
     leaves: the instants (k,) [s] at which they are left, each in its own time.
     """
 
-    pieces: tuple[InverseDynamics, ...]
+    plans: tuple[CrossingPlan, ...]
     leaves: tuple[float, ...]
+
+    @property
+    def pieces(self) -> tuple[InverseDynamics, ...]:
+        """The motions (k,) of the plans."""
+        return tuple(plan.dynamics for plan in self.plans)
 
     @property
     def starts(self) -> Array:
@@ -252,6 +260,17 @@ def _has_varying_wrenches(plan: CrossingPlan) -> bool:
     return any(entry.rows.ndim == 2 for entry in plan.dynamics.wrenches.entries)
 
 
+def _loosest_limit(plans: Sequence[CrossingPlan], name: str) -> tuple[float | None, ...] | None:
+    """Return for each motor the largest limit of the plans, margins subtracted; None for the robot file's.
+
+    Each plan keeps its own limits, and so the motion of all keeps the largest.
+    """
+    if all(getattr(plan.request, name) is None and not plan.request.margin for plan in plans):
+        return None
+    limits = [getattr(specification_of(plan.robot, plan.request), name) for plan in plans]  # (n_a,) each
+    return shortest_form(np.max(limits, axis=0))
+
+
 def _check_instant(plan: CrossingPlan, t: float) -> None:
     """Raise InvalidInput unless t [s] is an instant of a plan after its start."""
     if not (is_number(t) and 0.0 < t <= plan.duration):
@@ -279,7 +298,7 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
     for quantity, function, order in compared:
         jump = np.abs(function(following, 0.0, order) - function(plan, t, order)).max()
         size = np.abs(function(plan, samples, order)).max()
-        if jump > SEAM_JUMP * 100**order * size:  # each derivative of a series loses two digits
+        if jump > SEAM_JUMP * SEAM_JUMP_GROWTH**order * size:
             what = quantity if order == 0 else f"time derivative of order {order} of the {quantity}"
             raise InvalidInput(
                 f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}"

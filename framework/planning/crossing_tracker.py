@@ -49,24 +49,19 @@ class TrackedPoints(NamedTuple):
         return TrackedPoints(s, pose, np.zeros((len(s), branch.robot.n_e)), slopes)
 
 
-def track_points(
-    branch: Branch,
-    start: TrackedPoints,
-    deflections: Array,
-    *,
-    max_iterations: int = 12,
-    longest_step: float = 0.1,  # in s
-    last_step: float = 1e-10,  # in s: shorter steps that no longer shrink are rounding
-    closed: float = 1e-16,  # gap of the loops that is rounding
-    least_secant: float = 1e-9,  # in s: differences of g over shorter steps are rounding
-    secant_to_gap: float = 1e3,  # step in s over the last gap: over shorter ones g differs as the loops close
-    rounding: float = 2e-15,  # in s
-) -> TrackedPoints:
+def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> TrackedPoints:
     """Find the singular points of the robot with deflections (k, n_e), from those with others.
 
     Raises:
         NoLaw: the deflected robot has no singular point near one of them.
     """
+    max_iterations = 12
+    longest_step = 0.1  # in s
+    last_step = 1e-10  # in s: shorter steps that no longer shrink are rounding
+    closed = 1e-16  # gap of the loops that is rounding
+    least_secant = 1e-9  # in s: differences of g over shorter steps are rounding
+    secant_to_gap = 1e3  # step in s over the last gap: over shorter ones g differs as the loops close
+    rounding = 2e-15  # in s
     robot = branch.robot
     s, pose, _, slopes, border = start
     spring_step = deflections - start.deflections

@@ -139,12 +139,9 @@ class Feasibility:
                 demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
         return demand
 
-    def _consequence_texts(
-        self,
-        *,
-        large_curvature: float = 4.0,  # of |s"| / s'^2; polynomial laws reach no larger values
-    ) -> list[str]:
+    def _consequence_texts(self) -> list[str]:
         """Return the consequences for speed, duration and path, as clauses."""
+        large_curvature = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
         if self.acceleration is None:
             return []
         _constant, curvature, _damping = self.acceleration  # curvature: s" over s'^2

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.result import InverseDynamics
-from framework.errors import InvalidInput, choose_from, whole_number
+from framework.errors import InvalidInput, choose_from, finite_numbers, short, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot, length_units
 from framework.laws.law import is_number, law_derivatives
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.tolerances import SAME_PLACE
 
@@ -69,13 +69,20 @@ class MotionTable(NamedTuple):
         return json.dumps(document, indent=1) + "\n"
 
 
-def sample_times(duration: float, count: int, period: float | None = None) -> Array:
-    """Return `count` equidistant instants [s], or the multiples of a period and the end.
+def sample_times(
+    duration: float, count: int, period: float | None = None, at: ArrayLike | None = None
+) -> Array:
+    """Return `count` equidistant instants [s], the multiples of a period and the end, or those of `at`.
 
     Raises:
         InvalidInput: `count` is no whole number from MIN_ROWS to MAX_ROWS; the period is longer than
-            the duration, or so short that there are more than MAX_ROWS instants.
+            the duration, or so short that there are more than MAX_ROWS instants; an instant outside.
     """
+    if at is not None:
+        times = finite_numbers("at", at, np.size(at))
+        if not (len(times) and times.min() >= 0.0 and times.max() <= duration):
+            raise InvalidInput(f"at: needs instants of 0 to {duration:.6g} s, the duration, got {short(at)}")
+        return times
     if period is None:
         return np.linspace(0.0, duration, whole_number("samples", count, MIN_ROWS, MAX_ROWS))
     least = duration / (MAX_ROWS - 1)

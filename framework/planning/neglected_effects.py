@@ -107,19 +107,15 @@ class CorrectedLaw(ExactLaw):
         return values
 
 
-def _correction_intervals(
-    law: MotionLaw,
-    times: Array,
-    *,
-    # half-width of a local correction divided by the time to the next crossing or end
-    corrected_share: float = 0.9,
-) -> list[tuple[float, float]]:
+def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
     """Return the start and end [s] of each correction of a law that crosses at times (k,).
 
     A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
     the polynomial with which the model would be planned. Any other law has one correction around each
     crossing: for a crossing near an end of the motion, a single correction would be large far away from it.
     """
+    # half-width of a local correction divided by the time to the next crossing or end
+    corrected_share = 0.9
     if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
@@ -469,8 +465,9 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
 
-def _list_names(names: Sequence[str], *, max_names: int = 4) -> str:
+def _list_names(names: Sequence[str]) -> str:
     """Return at most `max_names` names and the number of the rest, in words."""
+    max_names = 4
     rest = len(names) - max_names
     return ", ".join(names[:max_names]) + (f" and {rest} more" if rest > 0 else "")
 

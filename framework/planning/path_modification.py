@@ -152,17 +152,14 @@ class _Modification(NamedTuple):
                     choices.append(BendChoice(bend, larger.peak_torque))
         return self._measure(plan, tuple(choices))
 
-    def _find_least(
-        self,
-        *,
-        max_bisections: int = 3,  # after which the least bend is known to a factor of 2^(1/8), or 9 %
-        reserve: float = 1.1,  # by which the least bend is multiplied
-    ) -> tuple[float, CrossingPlan] | None:
+    def _find_least(self) -> tuple[float, CrossingPlan] | None:
         """Find the least sufficient bend with a reserve, and its plan.
 
         The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
         has no plan with it.
         """
+        max_bisections = 3  # after which the least bend is known to a factor of 2^(1/8), or 9 %
+        reserve = 1.1  # by which the least bend is multiplied
         shares = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]  # ascending
         for share in np.outer(shares, [1.0, -1.0]).ravel().tolist():  # each to both sides
             plan = self.plan_bent(share)
@@ -228,12 +225,13 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
-def _choose_intervals(path: Path, c: float, *, min_intervals: int = 9) -> int:
+def _choose_intervals(path: Path, c: float) -> int:
     """Choose the number of intervals of the bent spline.
 
     The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge
     between panels in time, which no crossing may meet.
     """
+    min_intervals = 9
     least = min_intervals + 2 * len(path.knots)
     candidates = range(least - 1, least + 3)
     return min(candidates, key=lambda count: abs(c * count % 1.0 - 0.5))  # distance from an interval's middle

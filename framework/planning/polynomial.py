@@ -133,8 +133,6 @@ def _find_balanced_law(
     request: Request,
     timing: Sequence[CrossingTime],
     high: Array,
-    *,
-    max_balances: int = 40,  # of law and deflections, until the polynomial passes the crossings
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
@@ -152,6 +150,7 @@ def _find_balanced_law(
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
+    max_balances = 40  # of law and deflections, until the polynomial passes the crossings
     name = to_cross.branch.robot.name
     crossings = _undeformed_crossings(to_cross)
     deflections: KnownDeflections | None = None
@@ -172,8 +171,6 @@ def _balance_accelerations(
     crossings: Sequence[PlannedCrossing],
     start: KnownDeflections | None,
     high: Array,
-    *,
-    acceleration_step: float = 1e-4,  # of differences in s" at a crossing, times the duration squared
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
@@ -189,6 +186,7 @@ def _balance_accelerations(
     Raises:
         NoAnswer: as `solve_balance`.
     """
+    acceleration_step = 1e-4  # of differences in s" at a crossing, times the duration squared
     branch = to_cross.branch
 
     def law_of(shifts: Array) -> Law:
@@ -459,13 +457,7 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
     return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
-def _score_laws(
-    duration: float,
-    measure: Measure,
-    timings: Array,
-    *,
-    min_separation: float = 1e-3,  # of crossings from each other and from the ends, over the duration
-) -> Array:
+def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
     The score is the least speed ratio of the law. A law that reaches COMFORTABLE_ADVANCE scores
@@ -478,6 +470,7 @@ def _score_laws(
             (m,).
         timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
+    min_separation = 1e-3  # of crossings from each other and from the ends, over the duration
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= min_separation * duration) & (speeds > 0).all(axis=1)
@@ -489,14 +482,7 @@ def _score_laws(
 
 
 def _search_timings(
-    starts: Array,
-    request: Request,
-    score_laws: Callable[[Array], Array],
-    *,
-    # standard deviation in the first round, of times over the duration and of log speeds
-    draw_spread: float = 0.1,
-    laws_per_survivor: int = 8,  # the best one in so many is kept in each round
-    min_spread: float = 1e-4,  # of the survivors' scores; below, the search ends
+    starts: Array, request: Request, score_laws: Callable[[Array], Array]
 ) -> tuple[Array, float]:
     """Search open times and speeds; return the best (2, k) and its score.
 
@@ -510,6 +496,10 @@ def _search_timings(
         starts: times and speeds (m, 2, k), best first.
         score_laws: a function that scores laws by their times and speeds (m, 2, k).
     """
+    # standard deviation in the first round, of times over the duration and of log speeds
+    draw_spread = 0.1
+    laws_per_survivor = 8  # the best one in so many is kept in each round
+    min_spread = 1e-4  # of the survivors' scores; below, the search ends
     duration = request.fixed_duration
     is_open = np.array([[request.times is None], [request.speeds is None]])  # (2, 1)
 

@@ -16,17 +16,13 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 
 
-def plan_or_advise(
-    robot: ParallelRobot,
-    request: Request,
-    *,
-    trial_time: float = 20.0,  # [s] within which an optimal law has to be found
-) -> CrossingPlan:
+def plan_or_advise(robot: ParallelRobot, request: Request) -> CrossingPlan:
     """Plan a request; a refusal has the first remedy with which a plan was found.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
+    trial_time = 20.0  # [s] within which an optimal law has to be found
     try:
         return plan_request(robot, request)
     except SearchEnded:

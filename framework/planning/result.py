@@ -238,16 +238,22 @@ class CrossingPlan:
         )
 
     def samples(
-        self, count: int = DEFAULT_ROWS, *, period: float | None = None, columns: Sequence[str] | None = None
+        self,
+        count: int = DEFAULT_ROWS,
+        *,
+        period: float | None = None,
+        at: ArrayLike | None = None,
+        columns: Sequence[str] | None = None,
     ) -> MotionTable:
-        """Sample the motion at equidistant instants: the columns and rows of motion.csv.
+        """Sample the motion at equidistant or given instants: the columns and rows of motion.csv.
 
         Args:
             count: number of instants, unless a period is given.
             period: time [s] between rows; the last row is always at the end of the motion.
+            at: instants (T,) [s], instead.
             columns: names of columns, or prefixes that several names share, such as torque; all by default.
         """
-        return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
+        return motion_table(self.dynamics, sample_times(self.duration, count, period, at), columns)
 
     def save(self, folder: str | PathLike[str]) -> FilePath:
         """Write plan.json into a folder, for `load_plan`, and return the file.

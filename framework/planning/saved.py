@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -33,7 +33,7 @@ from framework.errors import (
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law, PlannedLaw, check_duration
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
-from framework.laws.path import PointPath
+from framework.laws.path import Part, Path, PointPath
 from framework.model.description import FLEXIBILITIES
 from framework.model.documents import prefix_errors
 from framework.model.robot_keys import PATHS, select_path
@@ -43,6 +43,7 @@ from framework.numerics.fields import (
     anything,
     below,
     list_of,
+    mapping,
     mapping_of,
     not_negative,
     number,
@@ -59,6 +60,7 @@ from framework.numerics.fields import (
 )
 from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_files
+from framework.planning.chain import DepartingCurve, MotionPath, chain_plans
 from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.joint_path import with_platform_joints
@@ -107,6 +109,12 @@ _OPTIMALITY_TABLE: Table = {"reference": required(list_of(positive)), "gap": req
 _CROSSING_TABLE: Table = {"time": required(number), "speed": required(number)}
 # keys that must be in the file, whose values are computed anew
 _COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
+_PATH_TABLE: Table = {  # a path of a scene, or one of a restarted plan, and the parts taken in turn
+    **PATHS,
+    "powers": optional(list_of(list_of(number))),
+    "chain": optional(record({"plans": required(list_of(mapping)), "leaves": required(list_of(positive))})),
+    "parts": optional(list_of(list_of(number)), ()),
+}
 _PLAN_TABLE: Table = {
     "version": required(whole),
     "robot_file": required(text),
@@ -115,7 +123,7 @@ _PLAN_TABLE: Table = {
     "platform_joints": optional(or_null(list_of(text)), None),
     "duration": required(positive),
     "request": required(  # options are checked as those of a call
-        record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
+        record({"path": required(record(_PATH_TABLE)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
     "crossings": required(list_of(lambda where, raw: read_table(where, raw, _CROSSING_TABLE, others=None))),
@@ -167,7 +175,10 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "platform_joints": plan.robot.description.platform.joints or None,
             "geometry": plan.geometry,
             "duration": plan.duration,
-            "request": _request_document(plan.request),
+            "request": {
+                "path": _path_document(plan.path, folder),
+                **select_fields(plan.request, *OPTIONS),
+            },
             **_compared_document(plan),
             "exceeded": plan.exceeded,
             "neglected_friction": plan.neglected_friction,
@@ -215,19 +226,27 @@ def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> 
     return relative if os.path.dirname(relative) else os.path.join(os.curdir, relative)
 
 
-def _request_document(request: Request) -> Document:
-    """Return the request as a document: the points of the path, and all options."""
-    path = request.path
+def _path_document(path: Path, folder: FilePath | None) -> Document:
+    """Return a path as a document: points, powers of s, or the plans of a chain, and the part it is of these.
+
+    Raises:
+        InvalidInput: the path is a user's own function.
+    """
+    if isinstance(path, Part):
+        whole = _path_document(path.path, folder)
+        return {**whole, "parts": [*whole.get("parts", []), [path.start, path.end]]}
+    if isinstance(path, DepartingCurve):
+        return {"powers": path.powers}
+    if isinstance(path, MotionPath):
+        plans = [plan_document(plan, folder) for plan in path.plans]
+        return {"chain": {"plans": plans, "leaves": path.leaves}}
     if not isinstance(path, PointPath):
         raise InvalidInput(
             f"path: only lines, arcs, splines and polylines can be written down, not {type(path).__name__}; "
             f"save the motion with plan.to_csv"
         )
     blend = {} if path.blend is None else {"blend": path.blend}
-    return {
-        "path": {path.kind: path.points, **blend},
-        **select_fields(request, *OPTIONS),
-    }
+    return {path.kind: path.points, **blend}
 
 
 def _law_document(law: PlannedLaw) -> Document:
@@ -288,9 +307,17 @@ def plan_from_document(
     # robot, request and law of the file
     stated = _read_plan(saved, file)
     robot = _find_robot(stated, file, robot_file)
+    stated_path = stated["request"].pop("path")
+    plans = () if stated_path["chain"] is None else stated_path["chain"]["plans"]
+    chained = [plan_from_document(plan, file, robot_file=robot_file) for plan in plans]
     with prefix_errors(file, InvalidInput):
-        request = _make_request(robot, stated["request"], stated["duration"])
+        path = _make_path(stated_path, chained)
+        request = _make_request(robot, path, stated["request"], stated["duration"])
         law = _make_law(stated["law"], stated["duration"], request)
+        if isinstance(path, MotionPath) and law.degree == 1:  # that of a chain alone
+            plan = chain_plans(path.plans, path.leaves[:-1])
+            _check_plan(saved, plan)
+            return replace(plan, seconds=stated["seconds"])
         optimality = _make_optimality(robot, request, stated["optimality"], law.kind)
         check_law(law)
 
@@ -382,15 +409,40 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
     return robot if joints is None else with_platform_joints(robot, joints)
 
 
-def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
-    """Return the request that plan.json states, checked for the robot and the law's duration [s].
+def _make_path(stated: Document, chained: Sequence[CrossingPlan]) -> Path:
+    """Return the path that plan.json states.
 
-    `stated` are the values of its path and options; the path is removed from them.
+    Args:
+        stated: values of _PATH_TABLE.
+        chained: the plans of a chain, whose motion is the path; none for another path.
+
+    Raises:
+        InvalidInput: no path or several, or one that its numbers do not define.
+    """
+    powers, parts = stated.pop("powers"), stated.pop("parts")
+    chain = stated.pop("chain")
+    path: Path
+    if chain is not None:
+        path = MotionPath(tuple(chained), chain["leaves"])
+        if not 0 < len(chained) == len(path.leaves):
+            raise InvalidInput(f"request.path.chain: needs a leave for each plan, got {len(path.leaves)}")
+    elif powers is not None:
+        path = DepartingCurve(real_numbers("request.path.powers", powers))
+    else:
+        path = path_of(*select_path("request.path", stated))
+    for part in parts:
+        if not (len(part) == 2 and 0.0 <= part[0] < part[1] <= 1.0):
+            raise InvalidInput(f"request.path.parts: needs pairs that ascend in [0, 1], got {list(part)}")
+        path = Part(path, *part)
+    return path
+
+
+def _make_request(robot: ParallelRobot, path: Path, stated: Document, duration: float) -> Request:
+    """Return the request with the options `stated`, checked for the robot and the law's duration [s].
 
     Raises:
         InvalidInput: an option is invalid, or the request has another duration.
     """
-    path = path_of(*stated.pop("path"))
     with prefix_errors("request", InvalidInput):
         request = Request.of(robot, path, **stated)
     if request.duration not in (None, duration):

@@ -223,17 +223,13 @@ class _Edge(NamedTuple):
     forward: bool  # from parent to child, or from a closure's first frame to its second
 
 
-def find_leg_conditions(
-    robot: ParallelRobot,
-    q: Array,
-    *,
-    max_legs: int = 32,  # a robot with more chains from the base to the platform has no conditions
-) -> LegConditions | None:
+def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     """Find the conditions of all legs, motors as in q (nq,); None if too few.
 
     The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
     column for each function of the platform's displacement.
     """
+    max_legs = 32  # a robot with more chains from the base to the platform has no conditions
     group = _displacement_group(robot)
     if group is None:
         return None

@@ -47,7 +47,6 @@ def branch_and_bound(
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
-    batch: int = 1024,  # pieces tested at a time
 ) -> Partition[Stack, Record]:
     """Test the pieces of a region until all are decided or `max_examined` are tested.
 
@@ -62,6 +61,7 @@ def branch_and_bound(
             pieces are tested first, and all are tested.
         limit: distance beyond which no piece is of interest.
     """
+    batch = 1024  # pieces tested at a time
     pending = region
     proved = list[Record]()
     undecided = [select(region, slice(0))]  # a region without pieces leaves none undecided

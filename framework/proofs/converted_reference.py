@@ -16,7 +16,7 @@ from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 
 
-def choose_reference(parsed: ParsedRobot, *, max_listed: int = 4) -> tuple[RobotDescription, list[str]]:
+def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     """Move a reference that the file does not state away from singularities; remark on other modes.
 
     A stated reference stays, and the remark has the one away from singularities. Other assembly modes are
@@ -47,11 +47,11 @@ def choose_reference(parsed: ParsedRobot, *, max_listed: int = 4) -> tuple[Robot
     positions = robot.reference_values(q)
     moved = [abs(value - parsed.stated.get(name, 0.0)) for name, value in positions.items()]
     if not parsed.stated or max(moved) > NEARBY_DISTANCE:
-        remarks += _other_modes(robot, max_listed)
+        remarks += _other_modes(robot)
     return robot.description, remarks
 
 
-def _other_modes(robot: ParallelRobot, max_listed: int) -> list[str]:
+def _other_modes(robot: ParallelRobot) -> list[str]:
     """Return a remark on the other poses of the reference's motors, with words that choose each."""
     motors = robot.actuated_coordinates(robot.reference.q[None])[0]
     try:
@@ -62,6 +62,7 @@ def _other_modes(robot: ParallelRobot, max_listed: int) -> list[str]:
     words = [text for q in others if (text := _reference_option(robot, q))]
     if not words:
         return []
+    max_listed = 4
     more = len(others) - len(words[:max_listed])
     listed = "; or ".join(words[:max_listed]) + (f"; and {more} more" if more else "")
     place = robot.place(robot.reference.x)

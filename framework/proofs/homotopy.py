@@ -270,15 +270,7 @@ class TrackedPaths(NamedTuple):
 
 
 def track_paths(
-    group: Displacements,
-    start: ComplexArray,
-    end: ComplexArray,
-    z: ComplexArray,
-    rng: np.random.Generator,
-    *,
-    steps_before_growth: int = 4,  # successive good steps before the step is doubled
-    first_step: float = 0.05,  # share of the line of coefficients
-    min_step: float = 1e-9,  # share of the line of coefficients
+    group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
@@ -287,6 +279,9 @@ def track_paths(
     step is doubled, after a step that is not good it is halved. A path is lost if its step is below
     `min_step`.
     """
+    steps_before_growth = 4  # successive good steps before the step is doubled
+    first_step = 0.05  # share of the line of coefficients
+    min_step = 1e-9  # share of the line of coefficients
     chart = complex_normal(rng, group.size)
     quadrics = group.quadrics(start)
     homotopy = _LinearHomotopy(quadrics, group.quadrics(end) - quadrics, chart)
@@ -375,9 +370,6 @@ def _run_endgame(
     last: ComplexArray,
     live: BoolArray,
     rng: np.random.Generator,
-    *,
-    segments: int = 18,  # the last ends at 1e-11 of the line: coefficients are known no better
-    agreeing: int = 3,  # exponents of successive segments that must agree to decide how a path ends
 ) -> None:
     """Classify paths by their growth over shrinking segments, in place.
 
@@ -393,6 +385,8 @@ def _run_endgame(
         live: (S,) paths to classify; becomes False where a path is classified or lost.
         rng: draws the charts in which paths are tracked.
     """
+    segments = 18  # the last ends at 1e-11 of the line: coefficients are known no better
+    agreeing = 3  # exponents of successive segments that must agree to decide how a path ends
     start, target = line
     segment_start = start
     log_sizes = [np.log(displacement_sizes(group, last))]

@@ -80,12 +80,13 @@ class NewtonMap(NamedTuple):
 Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
-def widen_until_proved(test: Callable[[Array], Tested], radii: Array, *, max_tests: int = 6) -> Tested:
+def widen_until_proved(test: Callable[[Array], Tested], radii: Array) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
     `test` takes radii (S, k) and returns its record of the boxes. At most `max_tests` tests are made. Wider
     radii are at least MIN_RADIUS, and MAX_RADIUS or little more at most.
     """
+    max_tests = 6
     tested = test(radii)
     for _ in range(max_tests - 1):
         if tested.proved.all():
@@ -191,11 +192,12 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
     return widen_until_proved(test, 2 * first_image + MIN_RADIUS)
 
 
-def choose_chart(z: ComplexArray, *, random_charts: int = 200) -> Array:
+def choose_chart(z: ComplexArray) -> Array:
     """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
 
     Of `random_charts` unit vectors the chart is the one with the largest minimum of |chart . z| / |z|.
     """
+    random_charts = 200
     charts = np.random.default_rng(0).standard_normal((random_charts, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)  # (random_charts, S)

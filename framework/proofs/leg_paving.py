@@ -71,16 +71,12 @@ def are_leg_solutions_complete(
     return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
 
 
-def _is_paveable(
-    robot: ParallelRobot,
-    own: IntArray,
-    *,
-    max_joints: int = 4,  # of a leg that is paved
-) -> bool:
+def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
     """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
 
     They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
     """
+    max_joints = 4  # of a leg that is paved
     if len(own) > max_joints or np.count_nonzero(robot.sliding[own]) > 1 or robot.rows.has_couplings:
         return False
     return single_columns(robot.model).issuperset(own.tolist())
@@ -138,15 +134,14 @@ def unique_radii(equations: DerivativeBounds, points: Array) -> Array:
     return np.minimum((1.0 - ROUND_UP * defect) / (ROUND_UP * change), 1.0)
 
 
-def has_only_known_solutions(
-    equations: Equations, region: Boxes, known: KnownSolutions, *, max_boxes: int = 60_000
-) -> bool:
+def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSolutions) -> bool:
     """Return whether the boxes of a region provably hold only known solutions; False if undecided.
 
     The region, the `equations` and the solutions have one offset for each joint [rad, robot lengths]. A box
     is dropped if its linear enclosure has no solution, or if it lies in the box of a known solution.
     Otherwise the enclosure narrows it, or it is cut.
     """
+    max_boxes = 60_000
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
         """Narrow boxes; drop boxes without other solutions; test again or halve the rest."""

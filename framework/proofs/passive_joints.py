@@ -27,12 +27,7 @@ RANDOM_STARTS = 300  # of a search for all solutions
 
 
 def find_joints_at_pose(
-    robot: ParallelRobot,
-    q: Array,
-    position: Array,
-    rotation: Array | None,
-    *,
-    start_count: int = 24,  # of Newton's method
+    robot: ParallelRobot, q: Array, position: Array, rotation: Array | None
 ) -> Array | None:
     """Find the configuration (nq,) nearest to the reference with the platform's frame at a pose.
 
@@ -42,6 +37,7 @@ def find_joints_at_pose(
         position: (3,) of the frame's origin [m].
         rotation: (3, 3) of the frame; None to leave the rotation free.
     """
+    start_count = 24  # of Newton's method
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute dimensionless offsets (T, 3 or 12) from the pose, and slopes (T, .., nv).
@@ -79,9 +75,6 @@ def close_all_loops(
     q: Array,
     columns: IntArray,
     extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
-    *,
-    max_steps: int = 40,  # of Newton's method
-    max_step: float = 0.6,  # [rad, robot lengths] largest motion of a joint in one step
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q (T, nq), mask (T,) of closed loops.
 
@@ -93,6 +86,8 @@ def close_all_loops(
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
     """
+    max_steps = 40  # of Newton's method
+    max_step = 0.6  # [rad, robot lengths] largest motion of a joint in one step
     is_last = False  # whether the step after all loops were closed has been taken
     for _ in range(max_steps):
         frames = frames_at(robot, q)
@@ -114,14 +109,13 @@ def close_all_loops(
     return q, residual < LOOP_GAP
 
 
-def draw_starts(
-    robot: ParallelRobot, q: Array, columns: IntArray, count: int, *, random_seed: int = 11
-) -> Array:
+def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
     """Draw configurations (count, nq): q (nq,) itself, then q with some joints at random.
 
     These joints have the `columns` (k,) of the velocity vector. Hinges turn by up to half a turn, slides move
     by up to a robot length.
     """
+    random_seed = 11
     max_step = np.where(robot.sliding[columns], robot.length, np.pi)  # (k,) [rad, m]
     steps = np.zeros((count, len(columns)))
     steps[1:] = np.random.default_rng(random_seed).uniform(-max_step, max_step, (count - 1, len(max_step)))

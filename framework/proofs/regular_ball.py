@@ -89,18 +89,13 @@ def prove_regular_ball(
     return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
 
-def _prove_one_cell(
-    test: CellTest,
-    q: Array,
-    within: float,
-    *,
-    steps_per_octave: int = 20,  # radii tried between the largest proved radius and its double
-) -> float:
+def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
     First the radii `within` / 2^k [robot lengths, rad] are tried, down to rounding. Then radii in small
     steps are tried, from the largest proved one to its double.
     """
+    steps_per_octave = 20  # radii tried between the largest proved radius and its double
     halvings = np.arange(np.finfo(float).nmant)  # as many as a number has binary digits
     halved = _largest_proved(test, q, np.ldexp(within, -halvings))
     if not halved:
@@ -411,16 +406,13 @@ def _passive_block_is_regular(
     return _spectral_radius_below_one(N) & Y.any(axis=(1, 2))  # Y is zero where P_m is singular
 
 
-def _spectral_radius_below_one(
-    N: Array,
-    *,
-    shift: float = 0.1,  # share of the largest row sum, added to all row sums to make positive weights
-) -> BoolArray:
+def _spectral_radius_below_one(N: Array) -> BoolArray:
     """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,); False if undecided.
 
     This holds if N w < w for a vector w > 0 (Collatz 1942). The best w is the Perron eigenvector. The row
     sums are close to it; `shift` times the largest row sum is added to all of them, so that w > 0.
     """
+    shift = 0.1  # share of the largest row sum, added to all row sums to make positive weights
     sums = N.sum(axis=2)
     w = sums + shift * sums.max(axis=1, keepdims=True)
     return np.asarray((ROUND_UP * np.matvec(N, w) < w).all(axis=1))

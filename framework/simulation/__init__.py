@@ -6,7 +6,7 @@ but no solver. Open `simulate` first, which checks its arguments and calls one o
 * `drive`: the motor torques and external wrenches;
 * `equations`: the equations of motion with their derivatives;
 * `consistent_states`: the state at the start, and the accelerations of single states;
-* `collocation`, `step_size_control`: methods reference and stiff; `methods`: also method explicit;
+* `collocation`, `step_size_control`: methods reference and stiff;
   `stepper`: method fast, and fixed steps for control loops and for many runs;
 * `trajectory`: the motion between steps with its events.
 """

@@ -1,31 +1,15 @@
 """The integrators of `simulate`, listed in `METHODS`: each computes a trajectory and its energy balance.
 
 Methods reference and stiff are collocation (`collocate`), method fast takes the fixed steps of `Stepper`.
-
-Method explicit takes fixed steps of an explicit Runge-Kutta method of order 8 on pinocchio's constrained
-dynamics. It solves no equations and stacks no states: a step is twelve calls of pinocchio. It suits robots in
-which every joint moves some mass and every loop is a point or a weld. For these it reaches any error well
-above rounding in less time than the other methods. Its steps must resolve the fastest vibration: the step
-times the frequency must be below 5.
-
-Pinocchio factorises the mass matrix of the tree, which must be definite, hence the masses. Its proximal
-iterations handle redundant rows. The loops are pinocchio's own constraints at the frames of the robot file.
-Only rotors, springs and damping come from `equations`, so this method also checks the loop equations
-independently. Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained
-dynamic equations", Robotics: Science and Systems. The coefficients and the error estimate of the Runge-Kutta
-method are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
-Equations I, Springer 1993, section II.5.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import integrate
@@ -37,7 +21,7 @@ from framework.simulation.equations import EquationsOfMotion, State, stack_state
 from framework.simulation.step_size_control import collocate
 from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
-from framework.tolerances import FIXED_STEP_ERROR, RANK_ROUNDING, SAME_PLACE
+from framework.tolerances import FIXED_STEP_ERROR, SAME_PLACE
 
 MAX_STEPS = 1_000_000  # of methods with steps of one length
 
@@ -139,7 +123,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         )
     edges = np.linspace(0.0, task.duration, count + 1)
     record = RunRecord(task, event_samples=1)
-    trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
+    trajectory = _take_fixed_steps(record, edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
     if error > FIXED_STEP_ERROR:
@@ -154,90 +138,50 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
 
 
-class FixedStep(NamedTuple):
-    """A step of fixed length."""
+def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
+    """Take steps of `Stepper` between the instants `edges` (K + 1,), until the end or a terminal event.
 
-    end: State
-    power: float  # mean power of motors and external wrenches minus that of damping [W]
-    error: float = 0.0  # estimated error of q in this step [rad, m]; 0 without an estimate
-
-
-def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps of `Stepper` between the instants `edges` (K + 1,) under the torque in their middle.
-
-    A feedback torque responds to the state at the beginning of a step, as a digital controller does. External
-    wrenches are those at the predicted middle of a step. The power is that at the mean velocity, which gives
-    the work of constant forces along the step.
-    """
-    drive = task.drive
-    robot = task.equations.robot
-    stepper = Stepper.from_equations(task.equations)
-    h = task.duration / (len(edges) - 1)
-    middles = edges[:-1] + 0.5 * h
-    torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
-    q, v = task.start
-    for k in range(len(middles)):
-        if torques is not None:
-            torque = torques[k]
-        else:
-            torque = drive(edges[k : k + 1], q[None], v[None])[0]
-        world = np.zeros_like(v)  # generalised forces of the external wrenches
-        if drive.world.acts:
-            middle = integrate(robot, q, 0.5 * h * v)[None]
-            world = drive.world(robot, middles[k : k + 1], middle, v[None])[0]
-        end = stepper.step(q, v, torque, h, world=world)
-        mean = 0.5 * (v + end.v)  # (nv,)
-        supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
-        dissipated = mean**2 @ task.equations.damping
-        yield FixedStep(end, float(supplied - dissipated))
-        q, v = end
-
-
-def integrate_by_explicit_steps(
-    task: IntegrationTask,
-    settings: MethodSettings,
-    *,
-    # steps in which open loops close; faster closing dominates the error estimate
-    closing_steps: float = 50.0,
-    default_steps: int = 256,  # of method explicit
-) -> Integration:
-    """Integrate a task by explicit steps of order 8, of about one length; see `explicit_steps`."""
-    edges = _step_edges(task, settings.step or task.duration / default_steps)
-    dynamics = ContactDynamics.of(task.equations, closing_steps * float(np.diff(edges).max()))
-    steps = explicit_steps(dynamics, task.drive, task.start, edges)
-    record = RunRecord(task, event_samples=4)
-    trajectory, largest_error = _collect_steps(record, steps, edges)
-    return Integration(record, trajectory, largest_error, len(trajectory.q) - 1)
-
-
-def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
-    """Collect steps between the instants `edges` until the end or a terminal event.
-
-    Returns:
-        The motion; the largest estimated error of a step [rad, m].
+    The torque of a step is that in its middle. A feedback torque responds to the state at the beginning of a
+    step, as a digital controller does. External wrenches are those at the predicted middle of a step. The
+    power is that at the mean velocity, which gives the work of constant forces along the step.
 
     Raises:
         NotConverged: the motion diverges.
     """
-    robot = record.task.equations.robot
-    states = [record.task.start]
-    largest_error = 0.0
+    task = record.task
+    drive, robot = task.drive, task.equations.robot
+    stepper = Stepper.from_equations(task.equations)
+    h = task.duration / (len(edges) - 1)
+    middles = edges[:-1] + 0.5 * h
+    torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
+    states = [task.start]
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
-        for k, step in enumerate(steps):
-            start = float(edges[k])
-            length = float(edges[k + 1] - edges[k])
-            if not all(np.all(np.isfinite(part)) for part in step.end):
+        for k in range(len(middles)):
+            q, v = states[-1]
+            if torques is not None:
+                torque = torques[k]
+            else:
+                torque = drive(edges[k : k + 1], q[None], v[None])[0]
+            world = np.zeros_like(v)  # generalised forces of the external wrenches
+            if drive.world.acts:
+                middle = integrate(robot, q, 0.5 * h * v)[None]
+                world = drive.world(robot, middles[k : k + 1], middle, v[None])[0]
+            end = stepper.step(q, v, torque, h, world=world)
+            if not all(np.all(np.isfinite(part)) for part in end):
                 raise NotConverged(
-                    f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
-                    f"singular there; the steps are of {length:.3g} s (method stiff chooses its own)",
-                    residual=start,
+                    f"{robot.name}: the simulation runs away at t = {edges[k]:.9g} s, or its equations are "
+                    f"singular there; the steps are of {h:.3g} s (method stiff chooses its own)",
+                    residual=float(edges[k]),
                 )
-            states.append(step.end)
-            largest_error = max(largest_error, step.error)
+            states.append(end)
+
+            mean = 0.5 * (v + end.v)  # (nv,)
+            supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean  # [W]
+            work = h * float(supplied - mean**2 @ task.equations.damping)  # less what damping dissipates
             piece = Cubics(robot, edges[k : k + 2], *stack_states(states[-2:]))
-            if record.add_step(piece, length * step.power, length * abs(step.power)):
+            if record.add_step(piece, work, abs(work)):
                 break
-    return Cubics(robot, edges[: len(states)], *stack_states(states)), largest_error
+    return Cubics(robot, edges[: len(states)], *stack_states(states))
 
 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
@@ -252,18 +196,6 @@ def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
     return float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
 
 
-def _step_edges(task: IntegrationTask, step: float) -> Array:
-    """Compute the instants (K + 1,) [s] between which steps are no longer than `step` [s].
-
-    Every break of the drive is the end of a step.
-    """
-    edges = [
-        np.linspace(start, end, _count_steps(end - start, step) + 1)
-        for start, end in pairwise(task.drive.edges(task.duration))
-    ]
-    return np.unique(np.concatenate(edges))
-
-
 def _count_steps(length: float, step: float) -> int:
     """Count the steps no longer than `step` [s] that cover `length` [s].
 
@@ -276,133 +208,6 @@ def _count_steps(length: float, step: float) -> int:
     return max(1, int(np.ceil(count - SAME_PLACE)))
 
 
-# ------------------------------------------------------------------ explicit steps
-
-
-@dataclass(frozen=True, eq=False)
-class ContactDynamics:
-    """A robot prepared for pinocchio's contact solver; one object serves one thread at a time."""
-
-    model: pin.Model  # with rotors as armature
-    data: pin.Data
-    contacts: Any  # pin.StdVec_RigidConstraintModel
-    contact_data: Any  # pin.StdVec_RigidConstraintData
-    settings: pin.ProximalSettings
-    equations: EquationsOfMotion  # whose springs and dampers act
-
-    def acceleration(self, q: Array, v: Array, force: Array) -> Array:
-        """Compute joint accelerations (nv,) at q (nq,), v (nv,) under applied generalised forces (nv,)."""
-        springs = self.equations.stiffness * (q - self.equations.robot.joint_rest)
-        total = force - springs - self.equations.damping * v
-        return pin.constraintDynamics(
-            self.model, self.data, q, v, total, self.contacts, self.contact_data, self.settings
-        )
-
-    @staticmethod
-    def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
-        """Prepare a robot for pinocchio's contact solver.
-
-        Args:
-            closing: time constant [s] with which open loops close, critically damped.
-
-        Raises:
-            InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or a joint
-                with several degrees of freedom.
-        """
-        _check_contact_robot(equations)
-        robot = equations.robot
-        model = robot.model.copy()
-        model.armature[:] += equations.rotors
-
-        contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-        for contact in robot.constraint_models():
-            # Baumgarte stabilisation of the gap e: e" + Kd e' + Kp e = 0 is critically damped
-            gains = contact.m_baumgarte_parameters
-            gains.Kp = 1 / closing**2
-            gains.Kd = 2 / closing
-            contacts.append(contact)
-            contact_data.append(contact.createData())
-
-        data = model.createData()
-        pin.initConstraintDynamics(model, data, contacts, contact_data)
-        return ContactDynamics(
-            model=model,
-            data=data,
-            contacts=contacts,
-            contact_data=contact_data,
-            # with the default settings redundant rows, as of a planar loop described in space, give NaN
-            settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
-            equations=equations,
-        )
-
-
-def _check_contact_robot(equations: EquationsOfMotion) -> None:
-    """Raise InvalidInput for a robot that pinocchio's contact solver cannot treat."""
-    robot = equations.robot
-    if robot.has_balls:
-        raise InvalidInput(
-            f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
-        )
-    mass = equations.tangent_at_rest(robot.reference.q).mass[0]
-    inertias, motions = np.linalg.eigh(mass)  # ascending
-    if inertias[0] <= RANK_ROUNDING * inertias[-1]:
-        joint = robot.coordinates.name_of(int(np.argmax(np.abs(motions[:, 0]))))
-        raise InvalidInput(
-            f"{robot.name}, {robot.flexibility}: {joint} moves no mass, and pinocchio's contact dynamics "
-            f"divides by the mass matrix of the tree; use another method"
-        )
-
-
-def explicit_steps(
-    dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
-) -> Iterator[FixedStep]:
-    """Yield explicit Runge-Kutta steps between the instants `edges` (K + 1,), also non-finite ones.
-
-    With y = (q, v) and the coefficients A, B, C of the method, stage i of a step of length h evaluates the
-    slope K_i = dy/dt at the state y + h sum_j A_ij K_j and the time t + C_i h. The step ends at
-    y + h sum_i B_i K_i. The weights B also integrate the power over the step.
-
-    Args:
-        dynamics: the robot, which computes accelerations.
-        drive: motor torques and external wrenches.
-        start: the state at the first of the instants.
-    """
-    from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
-
-    equations = dynamics.equations
-    times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
-    # torques that depend on time alone are computed for all stages at once, `motors` (K, stages, nv);
-    # by rounding the last stage may lie beyond the end
-    torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
-    motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, -1)
-
-    def force_at(k: int, i: int, q: Array, v: Array) -> Array:
-        """Compute generalised forces (nv,) of motors and external wrenches at stage i of step k."""
-        t = times[k, i : i + 1]
-        if motors is None:
-            force = equations.motor_forces(drive(t, q[None], v[None]))[0]
-        else:
-            force = motors[k, i].copy()
-        if drive.world.acts:
-            force += drive.world(equations.robot, t, q[None], v[None])[0]
-        return force
-
-    y = np.concatenate(start)  # (2 nv,) q, then v
-    slopes = np.empty((DOP853.n_stages, len(y)))
-    for k, h in enumerate(np.diff(edges)):
-        power = 0.0
-        for i in range(len(slopes)):
-            q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]), 2)
-            force = force_at(k, i, q, v)
-            slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
-            # the weights B have the sum 1, so this is the mean power over the step
-            power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
-        y = y + h * (DOP853.B @ slopes)
-        # of q, by the embedded method of order 5, which gives the slope at the end of the step no weight
-        error = h * (DOP853.E5[:-1] @ slopes)[: len(start.q)]
-        yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
-
-
 class Method(NamedTuple):
     """An integrator with its default settings."""
 
@@ -410,9 +215,10 @@ class Method(NamedTuple):
     settings: MethodSettings
 
 
+_REFERENCE = Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12))
 METHODS: dict[str, Method] = {
-    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12)),
+    "reference": _REFERENCE,
+    "explicit": _REFERENCE,  # deprecated, see `simulate`
     "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(integrate_by_explicit_steps, MethodSettings()),
     "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
 }

@@ -23,6 +23,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, require_closed_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.platform import JointPlatform
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
@@ -61,6 +63,8 @@ class Simulation(ReadOnlyArrays):
             for a platform that only turns, the largest angle [rad]. None without a planned motion.
         turning_error: largest angle from the planned attitude [rad]; None unless the platform both moves and
             turns, and a planned motion exists.
+        frame_error: largest distance [m] of the platform's frame from its planned place; None unless the
+            platform's coordinates are positions of joints, and a motion of this robot is planned.
         closure_error: largest residual of all loop equations, redundant ones included, at `times` and at the
             ends of all steps [m or rad].
         energy_error: largest difference, at the ends of steps, between the change of kinetic, elastic and
@@ -77,6 +81,7 @@ class Simulation(ReadOnlyArrays):
     v: Array  # (T, nv)
     tracking_error: float | None
     turning_error: float | None
+    frame_error: float | None
     closure_error: float
     energy_error: float
     unresolved: float
@@ -115,7 +120,7 @@ class Simulation(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Return method, errors, steps, events and computing time of the result, for JSON."""
-        errors = ("tracking_error", "turning_error", "closure_error", "energy_error")
+        errors = ("tracking_error", "turning_error", "frame_error", "closure_error", "energy_error")
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
@@ -171,6 +176,7 @@ def simulation_result(
     edge_q, edge_v = trajectory(edges)  # at the ends of all steps
 
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
+    frame_error = None if planned is None else _frame_error(robot, planned, times, q)
     return Simulation(
         robot=robot,
         method=method,
@@ -179,6 +185,7 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
+        frame_error=frame_error,
         closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_q)),
         energy_error=_energy_error(equations, run, edge_q, edge_v),
         unresolved=run.unresolved,
@@ -263,6 +270,15 @@ def _path_errors(
     return tracking_error, turning_error[0] if turning_error else None
 
 
+def _frame_error(robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array) -> float | None:
+    """Compute `frame_error` [m] of a `Simulation` at times (T,) [s] and q (T, nq)."""
+    planned_q = planned.configuration(np.minimum(times, planned.duration))
+    if not isinstance(robot.platform, JointPlatform) or planned_q.shape != q.shape:  # with other springs
+        return None
+    offset = frames_at(robot, q).platform_origin - frames_at(robot, planned_q).platform_origin  # (T, 3)
+    return float(np.linalg.norm(offset, axis=1).max())
+
+
 def simulate(
     robot: ParallelRobot | PlannedMotion,
     drive: PlannedMotion | Callable[..., ArrayLike] | None = None,
@@ -291,15 +307,13 @@ def simulate(
             torque(t) or as feedback torque(t, q, v).
         method: reference (collocation to `tolerance`, 1e-12); stiff (the same with fewer stages and 1e-7:
             fast vibrations that nothing excites cost nothing); fast (fixed steps of order 2, 1e-3 s, with the
-            torque constant over a step, as in a control loop); explicit (fixed steps of order 8 by
-            pinocchio's contact dynamics: the fastest if every joint moves some mass and every loop is a
-            point or a weld).
+            torque constant over a step, as in a control loop). Deprecated: explicit, which is reference.
         start, start_velocity: q (nq,) and v (nv,) at t = 0. By default they come from the planned motion (if
             it was planned with other springs: the assembled pose of its first point, at rest), else they are
             the assembled reference and rest. From there the loops are closed and massless parts balanced.
         duration: [s]; by default that of the planned motion.
         tolerance: what a step of reference or stiff may leave unresolved [rad, robot lengths].
-        step: fixed step of fast and explicit, longest step of the others [s].
+        step: fixed step of fast, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
         damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
         wrenches: external wrenches by link or joint, each on this body at its origin, (force, moment) (6,)
@@ -309,8 +323,8 @@ def simulate(
             its own force or torque, of other frames and links force and moment (6,) there, on base axes.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
-        samples: number of equidistant instants in the result of reference and stiff; the other methods
-            return the ends of their steps.
+        samples: number of equidistant instants in the result of reference and stiff; fast returns the ends of
+            its steps.
         progress: called with the finished share of the motion, 0 to 1.
 
     Raises:
@@ -322,6 +336,8 @@ def simulate(
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
+    if method == "explicit":
+        warn("method explicit goes in 0.10: it is reference", DeprecationWarning, stacklevel=2)
     for event in events if isinstance(events, list | tuple) else [events]:
         expect("events", event, Event, "Event(lambda t, q, v: q[0])")
     settings = _method_settings(method, tolerance, step, stages)
@@ -352,12 +368,7 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: str,
-    tolerance: float | None,
-    step: float | None,
-    stages: int | None,
-    *,
-    stage_range: tuple[int, int] = (3, 30),
+    method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
     """Return the method's settings, with the caller's numbers in place of defaults where not None.
 
@@ -369,6 +380,7 @@ def _method_settings(
     Raises:
         InvalidInput: a number is out of range, or the method has no such setting.
     """
+    stage_range = (3, 30)
     settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:

@@ -38,8 +38,6 @@ def collocate(
     stages: int,
     tolerance: float,
     longest: float,
-    max_steps: int = 20_000,  # of a simulation
-    projected_after: int = 100,  # accepted steps after which the whole number is extrapolated
 ) -> Iterator[CollocationStep]:
     """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
@@ -55,6 +53,8 @@ def collocate(
     Raises:
         NotConverged: no step, however short, can be solved or resolved; or too many steps are needed.
     """
+    max_steps = 20_000  # of a simulation
+    projected_after = 100  # accepted steps after which the whole number is extrapolated
     table = radau_table(stages)
     # of the next step; the first is short, because nothing is known of the motion yet
     length = min(longest, duration / stages)
@@ -87,16 +87,7 @@ def collocate(
 
 
 def _step_lengths(
-    length: float,
-    usual: float,
-    remaining: float,
-    shortest: float,
-    *,
-    # factor on the tolerance of a bridging step, whose `unresolved` part is reported
-    bridging_leniency: float = 1e3,
-    bridged_shortening: float = 8.0,  # steps shorter than the usual one by this factor indicate a singularity
-    # bridging steps over the usual step, tried in turn
-    bridging_ratios: tuple[float, ...] = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65),
+    length: float, usual: float, remaining: float, shortest: float
 ) -> Iterator[tuple[float, float]]:
     """Yield the lengths [s] to try in turn for a step, each with its factor on the tolerance.
 
@@ -110,6 +101,11 @@ def _step_lengths(
         remaining: time to go until the torque may jump [s].
         shortest: length below which no step is tried [s].
     """
+    # factor on the tolerance of a bridging step, whose `unresolved` part is reported
+    bridging_leniency = 1e3
+    bridged_shortening = 8.0  # steps shorter than the usual one by this factor indicate a singularity
+    # bridging steps over the usual step, tried in turn
+    bridging_ratios = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)
     bridging = [min(ratio * usual, remaining) for ratio in bridging_ratios]  # [s]; emptied once tried
     yield _divide_evenly(length, remaining), 1.0
     while (length := length / 2) >= shortest:
@@ -130,12 +126,7 @@ def _divide_evenly(length: float, remaining: float) -> float:
 
 
 def _try_step(
-    equations: StepEquations,
-    previous: CollocationStep | None,
-    tolerance: float,
-    leniency: float,
-    *,
-    newton_share: float = 0.01,  # share of the tolerance to which a step is solved
+    equations: StepEquations, previous: CollocationStep | None, tolerance: float, leniency: float
 ) -> CollocationStep:
     """Solve a step from a guess that is extrapolated from the previous one.
 
@@ -148,6 +139,7 @@ def _try_step(
     Raises:
         StepFailed: the step cannot be solved, or leaves more unresolved.
     """
+    newton_share = 0.01  # share of the tolerance to which a step is solved
     guess = _extrapolate_guess(equations.equations, equations.table, previous, equations.length)
     step = equations.solve(*guess, newton_share * tolerance)
     if step.unresolved > leniency * _admissible_part(equations.equations, step, tolerance):
@@ -164,17 +156,12 @@ def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolera
     return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
 
 
-def _step_growth(
-    equations: EquationsOfMotion,
-    step: CollocationStep,
-    tolerance: float,
-    *,
-    step_safety: float = 0.8,  # factor on the length that the estimate of the unresolved part allows
-) -> float:
+def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
     """Return the factor on the length of the next step, which keeps its unresolved part admissible.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
+    step_safety = 0.8  # factor on the length that the estimate of the unresolved part allows
     admissible = _admissible_part(equations, step, tolerance)
     ratio = admissible / max(step.unresolved, LEAST_DIVISOR)
     return step_safety * float(ratio ** (1 / (step.table.stages + 1)))
@@ -200,18 +187,14 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 
 
 def _extrapolate_guess(
-    equations: EquationsOfMotion,
-    table: Collocation,
-    previous: CollocationStep | None,
-    length: float,
-    *,
-    guess_coefficients: int = 4,  # number of Legendre coefficients that are extrapolated to the next step
+    equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
     """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of `length` [s].
 
     The first Legendre coefficients of the previous step are extrapolated. The last ones are left out, because
     their polynomials grow too fast outside of the step. Without a previous step the guess is zero.
     """
+    guess_coefficients = 4  # number of Legendre coefficients that are extrapolated to the next step
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))
         return a, np.zeros((table.stages, len(equations.rows.names)))

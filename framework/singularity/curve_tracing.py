@@ -259,14 +259,7 @@ def trace_curve(
 
 
 def _trace_from(
-    equations: LocusEquations,
-    start: Points,
-    inside: Callable[[Array], BoolArray],
-    longest: float,
-    *,
-    turn_share: float = 0.8,  # share of MAX_TANGENT_TURN at which the next step aims
-    max_growth: float = 2.0,  # ratio of a step to the previous one
-    max_points: int = 3000,  # from a start in one direction
+    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
@@ -279,6 +272,9 @@ def _trace_from(
     Returns:
         The points from the start on; why they end, as in `Curve.ends`.
     """
+    turn_share = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
+    max_growth = 2.0  # ratio of a step to the previous one
+    max_points = 3000  # from a start in one direction
     traced = [start]
     step = min(FIRST_STEP, longest)
     curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
@@ -335,15 +331,7 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def advance(
-    equations: LocusEquations,
-    point: Points,
-    step: float,
-    curvature: Array,
-    *,
-    max_corrections: int = 6,  # Newton steps
-    max_correction_ratio: float = 0.25,  # ratio of the sum of all corrections to the step
-) -> Points | None:
+def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
     """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
 
     The predictor is quadratic. Newton's method corrects the prediction normal to the tangent at `point`. None
@@ -353,6 +341,8 @@ def advance(
     Args:
         curvature: derivative (1, k) of the unit tangent by arc length; zeros if unknown.
     """
+    max_corrections = 6  # Newton steps
+    max_correction_ratio = 0.25  # ratio of the sum of all corrections to the step
     q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
     correction = 0.0  # [rad, robot lengths] by all Newton steps so far
     for _ in range(max_corrections):

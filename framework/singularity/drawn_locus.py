@@ -58,20 +58,15 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     return LocusCurves(curves, axes=(first, second), about=x.copy(), reach=REGION_REACH * robot.length)
 
 
-def locus_patch(
-    robot: ParallelRobot,
-    q: Array,
-    x: Array,
-    *,
-    edge_points: int = 11,  # along an edge of the patch
-    half_edge: float = 0.12,  # [robot lengths] half an edge of the patch
-) -> Array | None:
+def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     """Compute a patch (m, m, 3) [m] of the singular surface about a singular pose q (nq,), x (n,).
 
     A grid of m = `edge_points` by m points on the tangent plane, normal to the gradient of g, is moved along
     the normal onto g = 0 by Newton's method. The platform keeps its orientation. None unless the platform has
     exactly three translations and g has a sign; or if the grid does not reach the surface.
     """
+    edge_points = 11  # along an edge of the patch
+    half_edge = 0.12  # [robot lengths] half an edge of the patch
     translations = robot.platform.sliding
     if len(translations) != 3 or not has_signed_measure(robot):
         return None
@@ -89,16 +84,7 @@ def locus_patch(
     return (x[translations] + shifts).reshape(edge_points, edge_points, 3)
 
 
-def _move_onto_locus(
-    robot: ParallelRobot,
-    q: Array,
-    x: Array,
-    shifts: Array,
-    normal: Array,
-    *,
-    # [robot lengths] distance from the tangent plane; a higher patch is not drawn
-    max_patch_height: float = 0.2,
-) -> Array | None:
+def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, normal: Array) -> Array | None:
     """Move points (T, 3) [m] along a normal (3,) onto the locus.
 
     None if the loops do not close somewhere, or the locus is farther away than `max_patch_height`.
@@ -107,6 +93,8 @@ def _move_onto_locus(
         q, x: configuration (nq,) and platform coordinates (n,) of a pose.
         shifts: the points (T, 3) [m], relative to the platform in this pose, as is the result.
     """
+    # [robot lengths] distance from the tangent plane; a higher patch is not drawn
+    max_patch_height = 0.2
     farthest = max_patch_height * robot.length
     height = np.zeros(len(shifts))  # [m] along the normal
     guess = np.tile(q, (len(shifts), 1))

@@ -224,14 +224,7 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
     return _stop_at_limits(robot, start.q[0], pose_after)
 
 
-def _stop_at_limits(
-    robot: ParallelRobot,
-    q: Array,
-    pose_after: Callable[[float], JoggedPose],
-    *,
-    # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
-    limit_bisections: int = 8,
-) -> JoggedPose:
+def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
     """Find the last pose of a motion from q (nq,) within joint limits, by bisection.
 
     If q itself exceeds a limit, the limits are ignored.
@@ -239,6 +232,8 @@ def _stop_at_limits(
     Args:
         pose_after: computes the pose after a share, 0 to 1, of the motion.
     """
+    # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
+    limit_bisections = 8
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):

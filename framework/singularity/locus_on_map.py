@@ -121,17 +121,12 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     )
 
 
-def _locate_points(
-    robot: ParallelRobot,
-    poses: MapPoses,
-    started: float,
-    *,
-    halvings: int = 45,  # of a cell, down to rounding
-) -> MapLocus:
+def _locate_points(robot: ParallelRobot, poses: MapPoses, started: float) -> MapLocus:
     """Locate by bisection the singular points between neighbours on one axis.
 
     g may also change its sign by a jump; then the point has no singular matrix, and stays unexplained.
     """
+    halvings = 45  # of a cell, down to rounding
     if not has_signed_measure(robot):
         why_not = "g has no sign without passive joints, or with other than a motor for each axis"
         return MapLocus((), 0, np.zeros((0, 1)), why_not, 0.0)
@@ -215,17 +210,12 @@ def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> 
     return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices)))
 
 
-def _trace_near(
-    equations: LocusEquations,
-    poses: MapPoses,
-    starts: Array,
-    *,
-    steps_per_reach: float = 16.0,  # least number of steps of a curve along half an edge of its region
-) -> list[LocusCurve]:
+def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
     """Trace the locus over the map from starts (k, nq), in the working mode of the first start.
 
     The first start is the centre of the region in which curves are followed; the region covers the map.
     """
+    steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]

@@ -177,15 +177,12 @@ class Candidate(NamedTuple):
     is_minimum: bool
 
 
-def find_candidates(
-    resolved: list[Panel],
-    *,
-    candidate_depth: float = 1e3,  # largest |g| of a candidate, in tails of the series
-) -> list[Candidate]:
+def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels.
 
     Minima count if |g| there is small compared with the largest |g| of the path.
     """
+    candidate_depth = 1e3  # largest |g| of a candidate, in tails of the series
     # |g| on a panel is at most the sum of |coefficients|, as Chebyshev |T_k| <= 1
     largest = max(float(np.abs(panel.series).sum()) for panel in resolved)
     level = candidate_depth * MEASURE_TAIL * largest
@@ -356,10 +353,6 @@ def extremum_near(
     s: float,
     size: int,
     scalar: Callable[[Array], Array] = determinant,
-    *,
-    # in s, of a panel about an extremum; halved while the series has a truncation error
-    first_half_width: float = 0.04,
-    max_panels: int = 8,
 ) -> Extremum:
     """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 
@@ -375,6 +368,9 @@ def extremum_near(
         scalar: computes the scalar (T,) of blocks G (T, size, size): those at the nodes of the panel, then
             the block at s.
     """
+    # in s, of a panel about an extremum; halved while the series has a truncation error
+    first_half_width = 0.04
+    max_panels = 8
     k = np.searchsorted(knots[1:-1], s, side="right")
     lowest, highest = knots[k : k + 2]  # between these knots g is smooth
     half_width = first_half_width

@@ -120,20 +120,16 @@ def _general_root(measured: MeasuredMatrix, candidate: Candidate, size: int) -> 
     return Contact(root.place, "transversal") if root.converged else None
 
 
-def _simple_root(
-    measured: MeasuredMatrix,
-    candidate: Candidate,
-    *,
-    max_poses: int = 4,
-    longest_step: float = 1e-5,  # in s; the panel's own root is off by its truncation error
-    # least |dg/ds| for which rounding of g, 1e-15, moves the root by less than SAME_PLACE
-    least_slope: float = 1e-6,
-) -> Contact | None:
+def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | None:
     """Refine a simple root of a panel's g at its own poses; None if it is not one.
 
     Newton's method takes dg/ds from the panel's series. Let u, v be the singular vectors of the matrix at the
     root. With their border, g is (b . u) (c . v) times the g of the panel's border b, c.
     """
+    max_poses = 4
+    longest_step = 1e-5  # in s; the panel's own root is off by its truncation error
+    # least |dg/ds| for which rounding of g, 1e-15, moves the root by less than SAME_PLACE
+    least_slope = 1e-6
     panel, s = candidate.panel, candidate.s
     if panel.border.b.shape[1] > 1:
         return None
@@ -296,13 +292,7 @@ def _loses_rank(measured: MeasuredMatrix, s: float, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _find_common_contact(
-    measured: MeasuredMatrix,
-    start: float,
-    size: int,
-    *,
-    radius: float = 5e-3,  # in s, from a candidate to the point at which several singular values vanish
-) -> Contact | None:
+def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> Contact | None:
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
@@ -311,6 +301,7 @@ def _find_common_contact(
     Args:
         size: number of columns of the border, which is the number of small singular values.
     """
+    radius = 5e-3  # in s, from a candidate to the point at which several singular values vanish
     s = start
     for _ in range(MAX_ITERATIONS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each

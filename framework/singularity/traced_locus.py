@@ -148,12 +148,7 @@ def trace_locus(
 
 
 def _trace_branches(
-    equations: LocusEquations,
-    region: Region,
-    solutions: Array,
-    longest: float,
-    *,
-    max_curves: int = 100,  # after which no further branches are traced
+    equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
@@ -164,6 +159,7 @@ def _trace_branches(
     Returns:
         Each curve with its branch points (S = 1 each).
     """
+    max_curves = 100  # after which no further branches are traced
     points = curve_points(solutions, equations.evaluate(solutions), previous=None)
     starts = [points.single(k) for k in range(len(solutions))]
     curves = list[tuple[Curve, list[Points]]]()
@@ -255,7 +251,6 @@ def root_between(
     measure: Callable[[Points], float],
     *,
     small: float = 0.0,
-    iterations: int = 100,
 ) -> Points | None:
     """Find the point between neighbours `start` and `end` (S = 1) where a measure changes its sign.
 
@@ -266,8 +261,8 @@ def root_between(
     Args:
         measure: computes the measure of a point (S = 1).
         small: |measure| that counts as zero, in the unit of the measure.
-        iterations: largest number of points between both.
     """
+    iterations = 100  # largest number of points between both
     chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))  # length [rad, robot lengths]
     curvature = (end.tangent - start.tangent) / chord  # (1, k) of the curve between both, for the predictor
     shares, values = [0.0, 1.0], [measure(start), measure(end)]  # of the bracket's two ends
@@ -429,17 +424,13 @@ class Region(NamedTuple):
         return points if edge is None else join([points, edge])
 
 
-def draw_in_mode(
-    region: Region,
-    count: int,
-    *,
-    steps: int = 10,  # from the centre to a target
-) -> Array:
+def draw_in_mode(region: Region, count: int) -> Array:
     """Draw configurations (count, nq) of the region's working mode.
 
     The platform moves from the region's centre to random targets in steps. A configuration rests in a step
     after which the loops do not close or the region is left.
     """
+    steps = 10  # from the centre to a target
     equations = region.equations
     robot = equations.robot
     # platform axes to move; if two motors are the freedoms, the platform may move along all of its axes

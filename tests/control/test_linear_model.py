@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from framework.control import (
     linearise_plan,
     predict,
     predict_by_sensors,
+    prediction,
     reference_of,
     run_closed_loop,
     suggest_sensors,
@@ -127,10 +129,11 @@ def test_gravity_and_torques_are_disturbances_in_their_units():
     np.testing.assert_allclose(columns[:, :, 2], 0.0, atol=1e-9)  # along z, across the plane
 
 
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
 @pytest.mark.parametrize(("name", "sensors"), [("lqr", "joints"), ("lqg", "motors")])
-def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay):
-    ref = reference("five_bar", "C", "flexible_links", 2e-3)
+def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay, flexibility):
+    ref = reference("five_bar", "C", flexibility, 2e-3)
     loop = ControlLoop(sensors=sensors, delay=delay)
     controller = tuned_controller(name, ref, loop=loop, spread=WRONG)
     run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
@@ -316,3 +319,15 @@ def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, dela
         measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])
         expected = ours.torque(k, measured)[0]
         np.testing.assert_allclose(alone.update(S @ ref.motion.q[k] + off), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_varied_springs_deviate_as_much_as_those_that_are_drawn(monkeypatch):
+    """Drawn stiffnesses are uniform within +- 20 %: their deviation is 20 % / sqrt(3)."""
+    ref = reference("five_bar", "C", "flexible_links")
+    monkeypatch.setattr(prediction, "linearise_plan", lambda reference, *_, **__: reference.robot.stiffness)
+    varied = (
+        prediction.varied_models(ref, SimpleNamespace(kinds=None), Spread(stiffness=0.2))
+        / ref.robot.stiffness
+    )
+    np.testing.assert_allclose(varied.mean(axis=0), 1.0, rtol=1e-15)
+    np.testing.assert_allclose(varied.std(axis=0), 0.2 / np.sqrt(3.0), rtol=1e-12)

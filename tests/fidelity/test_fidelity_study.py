@@ -189,6 +189,7 @@ def test_misuse_is_told(options, words):
         fidelity_study(robots.load("five_bar"), "C", **options)
 
 
+@pytest.mark.slow
 def test_a_level_that_is_enough_while_one_above_it_is_not_is_called_so():
     """At a tolerance between their errors, errors that add up in one level cancel in the one below."""
     study = fidelity_study(robots.load("n_four_bar"), "swing", tolerance=1e-3)

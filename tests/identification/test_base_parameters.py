@@ -91,6 +91,7 @@ def test_the_rank_and_the_gap_are_those_of_a_regressor_by_differences(case):
     scaled = (scaled / np.linalg.norm(scaled, axis=(1, 2))[:, None, None]).reshape(-1, matrix.shape[2])
     lengths = np.linalg.norm(scaled, axis=0)
     values = np.linalg.svd(scaled[:, lengths > 1e-9] / lengths[lengths > 1e-9], compute_uv=False)
+    assert found.without_effect == tuple(np.array(described.names)[lengths <= 1e-9].tolist())
     assert found.certain
     assert found.gap > 1e6
     assert values[found.rank - 1] > 1e3 * np.append(values, 0.0)[found.rank]

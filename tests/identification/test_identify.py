@@ -252,9 +252,9 @@ def exchange(values: np.ndarray) -> None:
     ("change", "option"),
     [
         (scale([0], 1e3), "--unit time=ms"),
-        (scale([3, 4], -1.0), "--sign torque=-1"),
+        pytest.param(scale([3, 4], -1.0), "--sign torque=-1", marks=pytest.mark.slow),
         pytest.param(scale([4], -1.0), "--sign torque_right_motor=-1", marks=pytest.mark.slow),
-        (scale([1, 2], np.degrees(1.0)), "--unit motor_angle=deg"),
+        pytest.param(scale([1, 2], np.degrees(1.0)), "--unit motor_angle=deg", marks=pytest.mark.slow),
         pytest.param(scale([3, 4], 1e3), "--unit torque=mNm", marks=pytest.mark.slow),
         pytest.param(exchange, "--swap torque_left_motor=torque_right_motor", marks=pytest.mark.slow),
     ],

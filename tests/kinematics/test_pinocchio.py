@@ -156,7 +156,7 @@ def test_what_pinocchio_or_a_robot_cannot_hold_is_refused() -> None:
     ):
         with pytest.raises(error, match=words):
             ParallelRobot.from_pinocchio(model, closures, **ASKED)
-    with pytest.raises(InvalidInput, match="reference: needs 4 numbers"):
+    with pytest.raises(InvalidInput, match="reference, the model's q, must be 4 finite numbers"):
         ParallelRobot.from_pinocchio(model, [("a_tip", "b_tip")], **ASKED | {"reference": [0.0]})
     model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "cart")
     with pytest.raises(InvalidInput, match="'cart' is a Planar"):

@@ -90,6 +90,12 @@ def test_an_alias_bomb_is_refused_at_once(write_robot, reading, place):
         reading(file)
 
 
+def test_aliases_count_as_what_they_stand_for():
+    """300 values, then 100 aliases of a pair: 600 values, not 100 times all that came before."""
+    entries = [*["x"] * 300, "&pair [1, 2]", *["*pair"] * 100]
+    assert parse_yaml(f"[{', '.join(entries)}]")[-100:] == [[1, 2]] * 100
+
+
 def test_a_long_list_is_refused_while_it_is_read(monkeypatch):
     made: Counter[type] = Counter()
     make = yaml.ScalarNode.__init__

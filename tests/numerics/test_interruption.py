@@ -179,6 +179,7 @@ def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, 
         assert delay > 0.5
 
 
+@pytest.mark.slow
 @needs_proc
 def test_a_worker_that_is_interrupted_while_it_imports_says_nothing():
     with begun(COMMANDS["robustness with workers"]) as process:

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, chain_plans, inverse_dynamics, plan_crossing, simulate
+from framework import (
+    Arc,
+    InvalidInput,
+    Line,
+    chain_plans,
+    inverse_dynamics,
+    load_plan,
+    plan_crossing,
+    simulate,
+)
 from framework.control import reference_of
 from framework.files.trajectory_file import joint_trajectory
 from tests.oracles.equations_of_motion import defects_of
@@ -58,6 +67,32 @@ def test_a_chain_answers_as_its_plans_do():
     assert len(joint_trajectory(chain)["points"]) == 501
     reference = reference_of(chain, period=1e-2)
     np.testing.assert_allclose(reference.motion.v[50], plan.velocity(0.5), atol=1e-8)
+
+
+def test_a_chain_is_saved_with_its_plans(tmp_path):
+    """Its plans are a line, a curve to a goal and the rest of an arc; it is itself the path of a restart."""
+    robot = five_bar()
+    arc = plan_crossing(robot, Arc([0.1, 0.345], [0.05, 0.33], [0.0, 0.3]), duration=1.0)
+    rest = arc.restart(0.4, duration=1.0, end_speed=0.3)
+    onward = rest.restart(1.0, [-0.02, 0.25], duration=1.2, law="polynomial")
+    chain = chain_plans([arc, rest, onward], [0.4, 1.0])
+    slower = chain.restart(0.6, duration=3.0)
+    for plan in (rest, onward, chain, slower):
+        plan.save(tmp_path)
+        loaded = load_plan(tmp_path)
+        t = np.linspace(0.0, plan.duration, 31)
+        np.testing.assert_allclose(loaded.torque(t), plan.torque(t), atol=1e-12)
+        np.testing.assert_allclose(loaded.platform(t), plan.platform(t), atol=1e-14)
+        assert loaded.request.torque_limit == plan.request.torque_limit
+
+
+def test_a_chain_has_limits_that_each_of_its_plans_keeps():
+    """Every plan keeps its own; the motion of both keeps the larger one of each motor."""
+    plan = plan_crossing(five_bar(), PATH, duration=1.5, torque_limit=[0.5, 0.3], margin=0.1)
+    rest = plan.restart(0.5, duration=1.6, torque_limit=[0.2, 0.4])
+    chain = chain_plans([plan, rest], [0.5])
+    np.testing.assert_allclose(chain.request.torque_limit, [0.45, 0.4])
+    assert chain_plans([plan, plan.restart(0.5, duration=1.6)], [0.5]).request.torque_limit[0] is None
 
 
 def test_the_path_of_a_chain_is_one_motion_to_inverse_dynamics():

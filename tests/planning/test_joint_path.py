@@ -60,6 +60,17 @@ def tip_of(robot, q: np.ndarray) -> np.ndarray:
     return data.oMf[robot.model.getFrameId("left_tip")].translation[:2]
 
 
+def test_the_tip_is_compared_in_metres():
+    """By pinocchio alone; in joints the errors are angles."""
+    robot = five_bar()
+    plan = plan_crossing(robot, elbows_flipped(), duration=1.5)
+    result = simulate(plan, method="fast", step=1e-2)
+    planned = plan.configuration(np.minimum(result.times, plan.duration))
+    tips = np.array([tip_of(robot, q) for q in result.q]) - [tip_of(robot, q) for q in planned]
+    assert result.frame_error == pytest.approx(np.linalg.norm(tips, axis=1).max(), rel=1e-9)
+    assert result.tracking_error != pytest.approx(result.frame_error, rel=0.1)
+
+
 @pytest.mark.slow
 def test_the_quickest_flip_within_limits():
     plan = plan_crossing(five_bar(), elbows_flipped(), optimize="time", torque_limit=0.165)

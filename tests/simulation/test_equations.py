@@ -9,6 +9,7 @@ from framework import InvalidInput
 from framework.kinematics.closures import loop_curvature, loop_equations
 from framework.kinematics.frames import frames_at
 from framework.simulation.collocation import NewtonMatrix, radau_table
+from framework.simulation.consistent_states import _pseudo_inverse
 from framework.simulation.equations import EquationsOfMotion
 
 # points, hinges with turned axes, a weld, cardan joints; springs on, in and behind joints
@@ -137,3 +138,13 @@ def test_a_loop_written_twice_at_a_node_is_singular():
     rows[1, 1] = np.eye(4)[1]
     with pytest.raises(np.linalg.LinAlgError):
         NewtonMatrix.of(0.1, radau_table(3).differentiation, no_mass, rows, rank=2)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e12])
+def test_pseudo_inverses_know_their_rank_in_any_unit(size):
+    """The third row repeats the first two; the rank must not depend on the unit."""
+    jacobian = size * np.array([[1.0, 2.0, 0.5, 0.0], [0.0, 1.0, -1.0, 3.0], [1.0, 3.0, -0.5, 3.0]])
+    left, values, right = np.linalg.svd(jacobian[None])
+    np.testing.assert_allclose(
+        size * _pseudo_inverse(left, values, right)[0], size * np.linalg.pinv(jacobian), rtol=0, atol=1e-12
+    )

@@ -13,6 +13,7 @@ from framework.kinematics import closures
 from framework.simulation import Event
 from framework.simulation.drive import Drive
 from robots.generators import n_four_bar
+from tests.oracles.contact_dynamics import simulate_contacts
 from tests.oracles.equations_of_motion import defects_of
 from tests.oracles.forward_simulation import simulate_robot
 from tests.robots.every_robot import crossing
@@ -76,6 +77,7 @@ def test_crossings_of_other_robots(name, flexibility, scene, apart):
     result = simulate(other, plan)
     assert result.tracking_error < apart
     assert (result.turning_error is None) == (len(set(other.translations)) != 2)
+    assert (result.frame_error is None) == (not other.description.platform.joints)
     assert result.turning_error is None or result.turning_error < apart
 
 
@@ -114,49 +116,44 @@ def test_another_integrator_on_other_equations_agrees():
     ("name", "scene"), [("five_bar_heavy", "C"), ("four_bar", "dead_point"), ("delta", "cross")]
 )
 def test_pinocchio_s_contact_dynamics_agrees(name, scene):
-    """Method explicit shares neither equations nor integrator with method reference."""
+    """The oracle shares neither equations nor integrator with method reference."""
     other = robots.load(name)
     plan = plan_scene(other, scene)
-    ours, theirs = simulate(other, plan), simulate(other, plan, method="explicit")
-    np.testing.assert_allclose(theirs.q, ours.configuration(theirs.times), atol=1e-10)
-    assert theirs.tracking_error < 1e-9
-    assert theirs.closure_error < 1e-12
-    assert theirs.energy_error < 1e-12
-    coarse = simulate(other, plan, method="explicit", step=plan.duration / 32)
-    assert theirs.unresolved < 1e-3 * coarse.unresolved
-    assert coarse.tracking_error < 1e-6
+    ours = simulate(other, plan)
+    times = np.linspace(0.0, plan.duration, 21)
+    q, v = simulate_contacts(
+        other, lambda t, q, v: plan.torque(t), *(start[0] for start in states(plan, [0.0])), times
+    )
+    np.testing.assert_allclose(ours.configuration(times), q, atol=1e-9)
+    np.testing.assert_allclose(ours.velocity(times), v, atol=1e-7)
 
 
-def test_explicit_steps_know_springs_damping_feedback_and_events():
+def states(plan, t):
+    return plan.dynamics.configuration(t), plan.dynamics.velocity(t)
+
+
+def test_contact_dynamics_agrees_on_springs_damping_feedback_and_events():
     other = robots.load("biglide", flexibility="flexible_joints")
     rest = simulate(other, lambda t: [0.0, 0.0], duration=0.01).q[0]
 
     def towards(t, q, v):
-        return [-20.0 * (q[c] - rest[c] - 0.01) - 0.5 * v[c] for c in other.actuated]
+        return np.array([-20.0 * (q[c] - rest[c] - 0.01) - 0.5 * v[c] for c in other.actuated])
 
     moved = Event(
         lambda t, q, v: q[other.actuated[0]] - rest[other.actuated[0]] - 1e-3, "moved", terminal=True
     )
-    options = {"duration": 0.2, "damping": 0.1, "events": [moved]}
-    ours = simulate(other, towards, **options)
-    theirs = simulate(other, towards, method="explicit", step=1e-3, **options)
-    assert ours.occurrences[0].time == pytest.approx(theirs.occurrences[0].time, abs=1e-8)
-    assert theirs.energy_error < 1e-9
+    ours = simulate(other, towards, duration=0.2, damping=0.1, events=[moved])
+    times = np.linspace(0.0, ours.duration, 5)
+    q, v = simulate_contacts(other, towards, rest, np.zeros(other.nv), times, damping=0.1)
+    np.testing.assert_allclose(ours.configuration(times), q, atol=1e-10)
+    assert abs(moved.function(0.0, q[-1], v[-1])) < 1e-10
 
 
-@pytest.mark.parametrize(
-    ("name", "flexibility", "step", "error", "message"),
-    [
-        ("orthoglide", "rigid", None, InvalidInput, "loop rod_1b locks x, y; .*points and poses"),
-        ("five_bar", "rigid", None, InvalidInput, "right_elbow moves no mass"),
-        ("five_bar_heavy", "flexible_joints", 0.1, NotConverged, "runs away"),
-    ],
-)
-def test_where_explicit_steps_do_not_go(name, flexibility, step, error, message):
-    other = robots.load(name, flexibility=flexibility)
-    plan = plan_scene(other, next(iter(other.description.scenes)))
-    with pytest.raises(error, match=message):
-        simulate(other, plan, method="explicit", step=step)
+def test_method_explicit_is_deprecated():
+    robot = robots.load("four_bar")
+    with pytest.warns(DeprecationWarning, match="reference"):
+        result = simulate(robot, lambda t: [0.0], duration=0.1, method="explicit")
+    np.testing.assert_array_equal(result.q, simulate(robot, lambda t: [0.0], duration=0.1).q)
 
 
 def test_a_plan_for_stiff_legs_drives_soft_ones_off_the_path():
@@ -200,7 +197,7 @@ def test_feedback_and_damping_balance_the_energy():
     assert fine < 0.6 * coarse < 1e-3  # a held feedback torque is of first order
 
 
-@pytest.mark.parametrize(("method", "apart"), [("stiff", 1e-7), ("fast", 1e-6), ("explicit", 1e-7)])
+@pytest.mark.parametrize(("method", "apart"), [("stiff", 1e-7), ("fast", 1e-6)])
 def test_damping_of_joints_and_of_the_call_counts_once(tmp_path, method, apart):
     """A parallelogram without gravity runs down by J w' = -3 d w.
 
@@ -210,8 +207,7 @@ def test_damping_of_joints_and_of_the_call_counts_once(tmp_path, method, apart):
     """
     file = n_four_bar.write(tmp_path, 1)
     joints = "".join(f"  {name}: {{damping: 0.3}}\n" for name in ("pivot_0", "pivot_1", "hinge_1"))
-    content = file.read_text().replace("kind: revolute, axis: y", "kind: spherical")  # for explicit
-    file.write_text(f"{content}gravity: [0, 0, 0]\njoints:\n{joints}")
+    file.write_text(f"{file.read_text()}gravity: [0, 0, 0]\njoints:\n{joints}")
     robot = replace(ParallelRobot.from_file(file), rotor_inertia=np.zeros(1))
     is_rod = np.array([name.startswith("pivot") for name in robot.coordinates.names])
     result = simulate(

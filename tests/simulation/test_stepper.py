@@ -93,10 +93,6 @@ def test_stiff_springs_cost_no_small_steps():
             lambda: Stepper.of(robots.load("five_bar", flexibility="flexible_links"), scheme="midpoint"),
             "extrapolated",
         ),
-        (
-            lambda: simulate(plan_scene(robots.load("orthoglide"), "cross"), method="explicit"),
-            "points and poses",
-        ),
         (lambda: Stepper.of([robots.load("five_bar"), robots.load("four_bar")]), "one structure"),
         (lambda: Stepper.of(robots.load("five_bar"), damping=[1.0]), "damping"),
     ],

@@ -11,7 +11,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import passive_matrix
 from framework.planning.scenes import scene_path
 from framework.singularity import locus_on_map
-from framework.singularity.drawn_locus import locus_curves, locus_patch
+from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
 
@@ -127,3 +127,13 @@ def test_a_curve_is_cut_where_it_leaves_the_branch_and_where_an_angle_jumps(monk
     poses, curve = SimpleNamespace(axes=(0, 1)), SimpleNamespace(x=x, q=x, kind="type_2")
     parts = [part.x[:, 1].tolist() for part in locus_on_map._parts_on_branch(equations, poses, curve)]
     assert parts == [[0, 1, 2, 3, 4], [8, 9], [10, 11, 12]]
+
+
+def test_curves_cover_poses_well_inside_their_square_in_their_slice():
+    curves = LocusCurves([], (0, 2), np.array([1.0, 5.0, -1.0]), reach=0.4)
+    inside = np.array([[1.19, 5.0, -1.19], [0.81, 5.0, -0.81]])
+    assert curves.covers(inside)
+    for column, step in ((0, 0.02), (2, -0.02), (1, 1e-3)):
+        beside = inside.copy()
+        beside[0, column] += step
+        assert not curves.covers(beside)

@@ -166,19 +166,15 @@ def _cubic_series(robot: ParallelRobot, origin: Array, start: BranchPoses, end: 
     return np.stack([mean - c_2, half_change - c_3, c_2, c_3])
 
 
-def with_continuation(
-    branch: Branch,
-    s: float,
-    *,
-    # in s, of a continuation; the first accurate one is used
-    half_widths: tuple[float, ...] = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005),
-) -> Branch | None:
+def with_continuation(branch: Branch, s: float) -> Branch | None:
     """Return the branch with a continuation about s; None if the branch is not smooth at s.
 
     Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
     is not accurate enough still gives the guesses for the next, narrower one. The result has only the last
     one besides the continuations of `branch`.
     """
+    # in s, of a continuation; the first accurate one is used
+    half_widths = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)
     piece = np.searchsorted(branch.path.knots, s, side="right")  # index of the smooth piece
     lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
     guesses = branch  # the branch with the continuation that was fitted last

@@ -126,19 +126,15 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 
 
 def curve_end_error(
-    robot: ParallelRobot,
-    end: MotorCurves,
-    linearised: LinearisedLoops,
-    q_a: Array,
-    *,
-    # share of the usual clearance; a curve that ends with less ends at Type 2
-    type_2_end_ratio: float = 0.05,
+    robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
     """Return the error for a curve that ends at `end` (T = 1), before the motors reach q_a (n_a,).
 
     The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one. The loops at
     the end are `linearised`.
     """
+    # share of the usual clearance; a curve that ends with less ends at Type 2
+    type_2_end_ratio = 0.05
     at_reference = clearance(robot, linearised_at_reference(robot))
     usual_clearance = max(end.largest[0], at_reference[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))

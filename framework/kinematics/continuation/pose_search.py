@@ -169,12 +169,13 @@ class PoseSearch:
                 damping = max(4.0 * damping, LEAST_DAMPING)
         return self._result(iterate, step, count)
 
-    def enter_ranges(self, q: Array, *, least_step: float = 1e-4) -> Array | None:
+    def enter_ranges(self, q: Array) -> Array | None:
         """Lead the joints of a pose q (nq,) into their ranges; None if a singularity stops them.
 
         The ranges are widened until they contain q. Then they shrink to their true size, and the pose follows
         on its branch, as long as each step is longer than `least_step` of the way.
         """
+        least_step = 1e-4
         beyond = np.maximum(-self._range_margins(q), 0.0)  # (2 f,) by which the ranges are widened
         share, step = float(beyond.any()), 1.0  # of `beyond`
         loops = linearised_at(self.robot, q[None])
@@ -198,16 +199,7 @@ class PoseSearch:
         determinants = map(passive_determinants, (start, end))
         return not self._motors_hold or bool(keeps_sign(*determinants)[0])
 
-    def _has_ended(
-        self,
-        iterate: _Iterate,
-        step: _Step,
-        least_value: float,
-        ends: Array,
-        *,
-        # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
-        least_progress: float = 0.1,
-    ) -> bool:
+    def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
         """Return whether the target is reached, little decrease is left, or another start is better.
 
         `step` is the next step from the iterate.
@@ -216,6 +208,8 @@ class PoseSearch:
             least_value: |e|^2 / 2 of the nearest pose from other starts.
             ends: (k, nq) poses where other searches have converged.
         """
+        # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
+        least_progress = 0.1
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
         is_behind = step.decrease < least_progress * (iterate.value - least_value)
         distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)

@@ -125,20 +125,15 @@ class Curves:
     turn: Array  # (T, nv) prescribed motion of the other joints from s = 0 to 1
     evaluate: Callable[[Array, Array], CurveEquations]  # evaluates F at q (T, nq) and s (T,)
 
-    def find_turning_points(
-        self,
-        q: Array,
-        share: Array,
-        *,
-        max_chord_deviation: float = 0.1,  # from a parabola, over the chord
-        max_gain_deviation: float = 0.25,  # from a parabola, over the gain in s
-    ) -> CurveEnds:
+    def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
         """Find the turning points of T curves ahead of configurations q (T, nq) at s = `share` (T,).
 
         A turning point counts as found only if the curve from q to the point is nearly a parabola in t. On a
         parabola the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the
         start.
         """
+        max_chord_deviation = 0.1  # from a parabola, over the chord
+        max_gain_deviation = 0.25  # from a parabola, over the gain in s
         with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges
             end = self._follow_to_turn(q, share)
             start_motion = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
@@ -161,18 +156,13 @@ class Curves:
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
-    def _follow_to_turn(
-        self,
-        q: Array,
-        share: Array,
-        *,
-        first_secant_length: float = 1e-3,  # [rad, lengths] along the curve, for the first secant of ds/dt
-    ) -> CurveEnds:
+    def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
         A curve that has converged or become too long rests while the others go on. t (T,) is the length
         along the curves so far, dt (T,) the next secant step, both in radians and robot lengths.
         """
+        first_secant_length = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
         c /= np.linalg.norm(c, axis=1, keepdims=True)

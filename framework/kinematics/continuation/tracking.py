@@ -251,19 +251,15 @@ def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subj
 
 
 def _branch_end_error(
-    robot: ParallelRobot,
-    path: Path,
-    last: BranchPoses,
-    subject: str,
-    *,
-    # relative singular value below which the loops have lost rank at the end of a branch
-    type_1_end_ratio: float = 1e-4,
+    robot: ParallelRobot, path: Path, last: BranchPoses, subject: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for a branch that ends early, at the pose `last` (K = 1).
 
     At such an end either the loops lose rank, or a leg is stretched or folded. `subject` is the name of the
     path in the message.
     """
+    # relative singular value below which the loops have lost rank at the end of a branch
+    type_1_end_ratio = 1e-4
     s = float(last.s[0])
     x = path(s)
     linearised = last.linearised
@@ -335,18 +331,13 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     return robot.actuator_names[motor]
 
 
-def _closes_beyond(
-    robot: ParallelRobot,
-    path: Path,
-    last: BranchPoses,
-    *,
-    look_ahead: tuple[float, ...] = (1e-3, 1e-2),  # in s
-    look_ahead_nudge: float = 0.02,  # motion of joints [rad or m] from the last pose
-) -> bool:
+def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
     """Return whether the loops close again a little further along the path, on any branch.
 
     Newton's method starts from the last pose after all joints have moved slightly, in either direction.
     """
+    look_ahead = (1e-3, 1e-2)  # in s
+    look_ahead_nudge = 0.02  # motion of joints [rad or m] from the last pose
     ahead = last.s + look_ahead
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):

@@ -153,17 +153,18 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         pose = find_closed_pose(mechanism)
         remarks.append(
             f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
-            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: paste it into the "
-            f"file (or give it by --reference) if the robot is meant to be assembled that way"
+            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: give it as "
+            f"`reference` if the robot is meant to be assembled that way"
         )
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
         closed, closing = assemble_mechanism(posed)
-    if not mechanism.description.reference and not np.array_equal(closed.q_near, mechanism.q_near):
-        remarks.append(
-            "no reference is given, and from zero the loops close beyond the joints' limits; a search within "
-            "them has found the one that is printed: paste it into the file (or give it by --reference)"
-        )
+    else:
+        if not mechanism.description.reference and not np.array_equal(closed.q_near, mechanism.q_near):
+            remarks.append(
+                "no reference is given, and from zero the loops close beyond the joints' limits; a search "
+                "within them has found the one that is printed: give it as `reference`"
+            )
     mechanism = closed
     try:
         return ParallelRobot.of(mechanism), gap, remarks

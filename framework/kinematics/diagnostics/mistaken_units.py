@@ -25,15 +25,12 @@ def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
     yield from _remarks_on_masses(bodies)
 
 
-def _remarks_on_sizes(
-    bodies: Mapping[str, _Body],
-    *,
-    small_link: float = 1e-3,  # [m] length of the longest link, below which its unit is doubted
-    large_link: float = 20.0,  # [m] the same, above which it is doubted
-    gyration_ratio: float = 5.0,  # radius of gyration over the size of a part; at most 2.4 in the catalogue
-    small_part: float = 0.2,  # least size assumed for a part, over the longest link: it may lack frames
-) -> Iterator[str]:
+def _remarks_on_sizes(bodies: Mapping[str, _Body]) -> Iterator[str]:
     """Yield remarks on lengths and inertias of bodies that seem to be in another unit."""
+    small_link = 1e-3  # [m] length of the longest link, below which its unit is doubted
+    large_link = 20.0  # [m] the same, above which it is doubted
+    gyration_ratio = 5.0  # radius of gyration over the size of a part; at most 2.4 in the catalogue
+    small_part = 0.2  # least size assumed for a part, over the longest link: it may lack frames
     longest = max((body.size for body in bodies.values()), default=1.0)  # 0 if only slides move
     if longest and not small_link < longest < large_link:
         yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
@@ -46,13 +43,10 @@ def _remarks_on_sizes(
             )
 
 
-def _remarks_on_masses(
-    bodies: Mapping[str, _Body],
-    *,
-    light_part: float = 1e-6,  # mass of a part over that of the heaviest part
-    heavy_part: float = 1e5,  # [kg]
-) -> Iterator[str]:
+def _remarks_on_masses(bodies: Mapping[str, _Body]) -> Iterator[str]:
     """Yield remarks on bodies without mass, and on masses that seem to be in another unit."""
+    light_part = 1e-6  # mass of a part over that of the heaviest part
+    heavy_part = 1e5  # [kg]
     heaviest = max((body.mass for body in bodies.values()), default=0.0)
     if heaviest == 0.0:
         yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")

@@ -285,9 +285,7 @@ def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
     return motions.choose_independent(motions.working, without_repetitions)
 
 
-def _choose_best_motors(
-    motions: LoopMotions, partial: PartialRobot, *, max_choices: int = 20_000
-) -> list[str]:
+def _choose_best_motors(motions: LoopMotions, partial: PartialRobot) -> list[str]:
     """Choose as many of the file's motors as freedoms, with the best conditioned rates.
 
     Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
@@ -296,6 +294,7 @@ def _choose_best_motors(
     Raises:
         RobotFileError: two choices are equally good.
     """
+    max_choices = 20_000
     names = partial.description.motor_joints
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
@@ -382,13 +381,9 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(
-    motions: LoopMotions,
-    partial: PartialRobot,
-    *,
-    max_tried: int = 12,  # number of platforms that are tried
-) -> list[Platform]:
+def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platform]:
     """Return platforms to try, most likely first, on frames that every motor moves."""
+    max_tried = 12  # number of platforms that are tried
     scored: list[tuple[float, Platform]] = []
     for number, frame, joint_twists in _moved_frames(motions, partial):
         # frames named like a tool come first; the order in the file decides between equal scores

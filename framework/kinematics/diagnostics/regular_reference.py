@@ -54,12 +54,13 @@ def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
     return nearest
 
 
-def regular_reference(robot: ParallelRobot, *, max_moves: int = 4) -> tuple[NearSingularity, Array | None]:
+def regular_reference(robot: ParallelRobot) -> tuple[NearSingularity, Array | None]:
     """Find the singularity near the reference, and a pose q (nq,) away from singularities.
 
     The pose is in the same modes and within the joints' ranges; None if no singularity is near, or if there
     is no such pose.
     """
+    max_moves = 4
     first = near = find_near_singularity(robot, robot.reference.q)
     q = robot.reference.q
     for _ in range(max_moves):

@@ -16,12 +16,12 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput, expect
+from framework.errors import InvalidInput, expect, finite_numbers
 from framework.model.description import AXES, ParsedRobot, kinds_with_length
 from framework.model.robot_file import describe_tree
 from framework.model.urdf_edits import NewJoint, add_frame, free_name, inertial_element, joint_element
 from framework.model.urdf_elements import COORDINATE_SUFFIXES
-from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.arrays import ArrayLike
 
 ROOT = "universe"  # pinocchio's name of what does not move
 _SEVERAL = {"JointModelSpherical": "spherical", "JointModelFreeFlyer": "floating"}
@@ -45,6 +45,7 @@ def parse_pinocchio(
         InvalidInput: a joint of the model is of a kind that URDF does not have.
     """
     expect("model", model, pin.Model, "pin.buildModelFromUrdf(file)")
+    expect("platform", platform, Mapping, '{"frame": "tip", "axes": ["x", "y"]}')
     root = _urdf_of(model, name)
     content: dict[str, Any] = {
         "gravity": model.gravity.linear.tolist(),
@@ -167,9 +168,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
 def _positions(model: pin.Model, q: ArrayLike | None) -> dict[str, float]:
     """Return the positions of all joints at q (nq,) by name; neutral by default."""
     neutral = pin.neutral(model)
-    stated: Array = neutral if q is None else np.asarray(q, dtype=float)
-    if stated.shape != neutral.shape:
-        raise InvalidInput(f"reference: needs {model.nq} numbers, as the model's q, got {stated.size}")
+    stated = neutral if q is None else finite_numbers("reference, the model's q,", q, model.nq)
     values = pin.difference(model, neutral, stated)
     positions: dict[str, float] = {}
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):

@@ -30,6 +30,7 @@ from framework.errors import (
     NotConverged,
     SpringsTooSoft,
     UnboundedTorque,
+    format_distinct,
     round_up,
 )
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
@@ -235,6 +236,7 @@ class _ElasticSearch:
     response: the response of the torques to the law, about that motion.
     speed_places: s of the crossings of that motion, where the required speeds, if any, must hold.
     best_motion: the best certified motion within the limits.
+    least_excess: the least ratio of a certified motion's torques and speeds to the limits.
     first_failure: raised if no stage succeeds.
     """
 
@@ -252,6 +254,7 @@ class _ElasticSearch:
     response: TorqueResponse | None = None
     speed_places: list[float] | None = None
     best_motion: OptimalMotion | None = None
+    least_excess: float = np.inf
     first_failure: NoAnswer | None = None
 
     def run(self) -> OptimalMotion:
@@ -268,6 +271,7 @@ class _ElasticSearch:
 
             # keep the motion if it is within the limits and better than the best one
             excess = limit_excess(motion.dynamics, self.task.specification)
+            self.least_excess = min(self.least_excess, excess)
             is_new = motion is not self.best_motion  # otherwise the new law costs no less
             is_settled = not is_new
             if is_new and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
@@ -284,9 +288,22 @@ class _ElasticSearch:
                 self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
-        raise self.first_failure or NotConverged(
-            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
-            residual=abs(excess - 1.0),
+        raise self._refuse(
+            NotConverged(
+                f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
+                residual=abs(self.least_excess - 1.0),
+            )
+        )
+
+    def _refuse(self, failure: NoAnswer) -> NoAnswer:
+        """Return the refusal after a failure: limits are named only if a motion exceeded them."""
+        if not 1.0 < self.least_excess < np.inf:
+            return self.first_failure or failure
+        excess, _ = format_distinct(self.least_excess, 1.0)
+        return NotConverged(
+            f"{self.task.robot.name}: no law was found whose motion with springs keeps the limits: "
+            f"the nearest motion found takes {excess} times the limits",
+            residual=self.least_excess - 1.0,
         )
 
     def _try_nearer(self) -> bool:
@@ -358,9 +375,10 @@ class _ElasticSearch:
         stage of splines follows.
         """
         stage = self.stages[self.stage]
-        is_first_series = self.response is None and stage.degree is not None  # without linear torques
         task = self.next_task
-        if is_first_series:  # splines are tried next, so a refusal needs no explanation yet
+        has_own_limits = task is self.task  # else lowered by the excess of this stage's last motion
+        is_first_series = self.response is None and stage.degree is not None and has_own_limits
+        if is_first_series or not has_own_limits:  # other laws are tried next: no explanation is needed yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.speed_places)
         degree = stage.degree if self.response is None else len(self.response.y) - 1
@@ -389,6 +407,9 @@ class _ElasticSearch:
     def _choose_smoother(self, failure: NoAnswer) -> None:
         """Proceed to the next stage after a failure, without the results of the last stage.
 
+        Limits lowered by the excess of its motions are such results: under other laws springs add other
+        torques.
+
         Raises:
             NoAnswer: no smoother law can help, or no stage is left.
         """
@@ -401,9 +422,10 @@ class _ElasticSearch:
         if self.first_failure is None:
             self.first_failure = failure
         self.balance = self.response = self.speed_places = None
+        self.next_task = self.task
         self.stage += 1
         if self.stage == len(self.stages):
-            raise self.first_failure from None
+            raise self._refuse(failure) from None
 
     def _check_ends(self) -> None:
         """Raise NoLaw if the robot at rest has no equilibrium at an end of the path.

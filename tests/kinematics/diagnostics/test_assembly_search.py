@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Mechanism, NotAssembled, ParallelRobot, check_robot
+from framework import Mechanism, NotAssembled, ParallelRobot, check_robot, load_robot
 from framework.cli import main
 from framework.kinematics.assembly_search import find_closed_pose
 from tests.kinematics.linkages import ball, frame, joint, linkage
@@ -180,6 +180,26 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert found["error"]["residual"] == found["gap_at_reference"] > 1e-3
     pasted = [f"{joint}={value!r}" for joint, value in found["reference"].items()]
     assert main(["check", str(file), "--reference", *pasted]) == 0
+
+
+def test_a_robot_without_reference_is_refused_with_one_that_serves_in_python_and_in_words(tmp_path, capsys):
+    """The remedy of the error makes the same call succeed; the command that is printed ends with 0."""
+    linkage(tmp_path, halves(HALVES["skew"]), robot_file(""))
+    (file,) = tmp_path.glob("*.yaml")
+    with pytest.raises(NotAssembled) as refusal:
+        load_robot(file)
+    robot = load_robot(file, **refusal.value.remedy)
+    assert max(apart(robot, robot.reference.q, "end_1", "end_2")) < 1e-9
+    assert refusal.value.__notes__ == [f"try: reference={refusal.value.remedy['reference']}"]
+    for command in ["locate"], ["pose", "--motors", "0.3"], ["show"]:
+        assert main([command[0], str(file), *command[1:]]) == 1
+        *_, tried = capsys.readouterr().err.partition("try: crossing ")
+        if command != [
+            "show"
+        ]:  # the pose of these motors and the nearest singular pose have answers of their own
+            assert tried.startswith(command[0])
+        assert main(["check", str(file), *tried[tried.index("--reference") :].split()]) == 0
+        capsys.readouterr()
 
 
 @pytest.mark.parametrize("kind", ["spherical", "fixed", "revolute"])

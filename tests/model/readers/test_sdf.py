@@ -155,6 +155,7 @@ def test_what_joins_the_loops_need_not_be_assembled(tmp_path):
     assert parsed.dialect == "sdf"
     assert any(remark.startswith("reference: the nearest closed pose") for remark in parsed.remarks)
     assert [closure.name for closure in parsed.description.closures] == ["tip"]
+    assert parsed.description.platform.frame == "tip_1"  # of two that coincide, the first of the file
     assert ParallelRobot.from_description(parsed.description).n == 2
 
 
