@@ -4,7 +4,6 @@ from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.linear_model import CoordinateChoice, LinearModel, linearise_plan
 from framework.control.prediction import (
-    LinearModels,
     LoopPrediction,
     predict,
     predict_by_sensors,
@@ -26,7 +25,6 @@ __all__ = [
     "Controller",
     "CoordinateChoice",
     "LinearModel",
-    "LinearModels",
     "LoopPrediction",
     "Measurement",
     "Reference",

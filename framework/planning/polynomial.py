@@ -34,8 +34,6 @@ from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
-Timing = tuple[tuple[CrossingTime, ...], Array]  # and the coefficients of the law above its least degree
-
 # least speed ratio that a chosen law should have: least speed over the mean, without the zeros at the ends
 COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 RAISED_DEGREES = (24, 32, 40)  # tried in turn where the law of least degree does not advance at given times
@@ -70,25 +68,26 @@ def plan_polynomial(
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     law, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
-    degree, first_failure = law.degree, None
+    first_failure = None
     while True:
         try:
-            return _plan_through(to_cross, request, timing, high)
+            return _plan_through(to_cross, request, law, timing, high)
         except SpringsTooSoft:  # whatever the law
             raise
         except NotConverged as failure:
             first_failure = first_failure or failure
         raised = None
         if request.times:
-            raised = _raise_degree(_undeformed_crossings(to_cross), request, above=degree)
+            raised = _raise_degree(_undeformed_crossings(to_cross), request, above=law.degree)
         if raised is None:
             raise first_failure
-        (timing, high), degree = raised
+        law, timing, high = raised
 
 
 def _plan_through(
     to_cross: PathToCross,
     request: Request,
+    undeformed: Law,
     timing: tuple[CrossingTime, ...],
     high: Array,
     *,
@@ -101,6 +100,7 @@ def _plan_through(
     solved for together. The last law must advance.
 
     Args:
+        undeformed: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
         high: coefficients of the law above its least degree.
         raises_left: how often both may be found anew if deflections make the law turn back.
@@ -109,7 +109,6 @@ def _plan_through(
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
-    undeformed = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
@@ -151,8 +150,9 @@ def _plan_through(
             raised = _raise_degree(deformed, request, above=law.degree - 1)
             if raised is None:
                 raise
-            (timing, high), _ = raised
-            return _plan_through(to_cross, request, timing, high, raises_left=raises_left - 1)
+            _, timing, high = raised
+            law = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
+            return _plan_through(to_cross, request, law, timing, high, raises_left=raises_left - 1)
     # the last pass has found the conditions, unless the motion meets other points or the user imposes some
     handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
     return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
@@ -371,14 +371,13 @@ def undeformed_polynomial(
         if raised is None:
             refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
             raise
-        (timing, high), _ = raised
-        return _solve_law(crossings, timing, request, name, high), timing, high
+        return raised
 
 
 def _raise_degree(
     crossings: Sequence[PlannedCrossing], request: Request, *, above: int = 0
-) -> tuple[Timing, int] | None:
-    """Find times, speeds, high coefficients and degree of a law that advances; None without one.
+) -> tuple[Law, tuple[CrossingTime, ...], Array] | None:
+    """Find a law of higher degree that advances, its times, speeds and high coefficients; None without one.
 
     Args:
         above: a degree; only higher ones are tried.
@@ -407,7 +406,7 @@ def _raise_degree(
         timing = _crossing_times(np.array([request.times, raised.speeds]))
         law = _solve_law(crossings, timing, request, "", raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
-            return (timing, raised.high), degree
+            return law, timing, raised.high
     return None
 
 

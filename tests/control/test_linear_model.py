@@ -3,7 +3,6 @@
 import importlib.util
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -325,9 +324,9 @@ def test_varied_springs_deviate_as_much_as_those_that_are_drawn(monkeypatch):
     """Drawn stiffnesses are uniform within +- 20 %: their deviation is 20 % / sqrt(3)."""
     ref = reference("five_bar", "C", "flexible_links")
     monkeypatch.setattr(prediction, "linearise_plan", lambda reference, *_, **__: reference.robot.stiffness)
-    varied = (
-        prediction.varied_models(ref, SimpleNamespace(kinds=None), Spread(stiffness=0.2))
-        / ref.robot.stiffness
-    )
+    models = prediction.LinearModels.of(ref, Spread(stiffness=0.2), Tuning())
+    varied = np.array(models.within) / ref.robot.stiffness  # (3, n_e)
+    ends = np.array(models.ends) / ref.robot.stiffness
+    np.testing.assert_allclose(np.sort(np.unique(ends.round(12))), [0.8, 1.2])
     np.testing.assert_allclose(varied.mean(axis=0), 1.0, rtol=1e-15)
-    np.testing.assert_allclose(varied.std(axis=0), 0.2 / np.sqrt(3.0), rtol=1e-12)
+    np.testing.assert_allclose(varied[1:].std(axis=0), 0.2 / np.sqrt(3.0), rtol=1e-12)
