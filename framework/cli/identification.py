@@ -112,6 +112,26 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]
     if len(unseen) > MAX_LISTED:
         lines.append(f"    and {len(unseen) - MAX_LISTED} more, see --json")
+    return lines + _further_lines(calibration)
+
+
+def _further_lines(calibration: Calibration, *, less: float = 0.5) -> list[str]:
+    """Name poses that bring deviations below a share `less` of what they are, and these deviations."""
+    further = calibration.further
+    gain = further.deviations / calibration.deviations
+    shown = np.argsort(gain)[: np.count_nonzero(gain < less)]
+    if not len(shown):
+        return []
+    names = calibration.geometry.names
+    listed = [
+        f"{names[k]} {calibration.deviations[k]:.1e} -> {further.deviations[k]:.1e}"
+        for k in shown[:MAX_LISTED]
+    ]
+    more = f" and {len(shown) - MAX_LISTED} more, see --json" if len(shown) > MAX_LISTED else ""
+    lines = [
+        f"  deviations that {len(further.platform)} further poses would leave: {', '.join(listed)}{more}"
+    ]
+    lines += [f"    {calibration.robot.place(x)}" for x in further.platform]
     return lines
 
 
@@ -281,6 +301,15 @@ def identification_lines(identification: Identification, *, everything: bool = F
     hidden = len(identification.quantities) - len(shown)
     if hidden:
         lines.append(f"  not shown         by these data: {hidden} more quantities, see --all")
+    others = [quantity for quantity in identification.quantities if not quantity.determined]
+    showable = [quantity.name for quantity in others if quantity.alone]
+    if showable:
+        more = " .." * (len(showable) > MAX_LISTED)
+        lines.append(
+            f"  other motions     would show {', '.join(showable[:MAX_LISTED])}{more}: see crossing excite"
+        )
+    elif others:
+        lines.append("  other motions     show none of these alone, only sums of parameters, see --all")
     if everything:
         lines.append("  base parameter\tvalue\tdeviation\tfile")
         rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)

@@ -341,7 +341,7 @@ class _VariedRobots(NamedTuple):
                 middle = min(ref.times[k] + (step + 0.5) * h, ref.times[-1])
                 models = [equations.robot.model for equations in self.stepper.equations]
                 q_middle = integrate(ref.robot, q, 0.5 * h * v)
-                world = self.world(ref.robot, np.repeat(middle, len(q)), q_middle, models)
+                world = self.world(ref.robot, np.repeat(middle, len(q)), q_middle, v, models)
             speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
             friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
             q, v = self.stepper.step(q, v, torque - friction, h, world=world)

@@ -411,11 +411,13 @@ def unresolved_error(
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         distance = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {distance:.2g} farther on"
+    remedy = None
     if tolerance < enough < RESOLVABLE_TAIL:
-        advice = f"tolerance {round_up(1.1 * enough, 2):g} would do; {advice}"
+        remedy = {"tolerance": round_up(1.1 * enough, 2)}  # a grid has met it
+        advice = f"tolerance {remedy['tolerance']:g} would do; {advice}"
     return NotConverged(
         f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
         residual=certificate.unresolved,
         s=None if near_miss is None else near_miss.s,
         platform=None if near_miss is None else searched.branch.path(near_miss.s),
-    )
+    ).advising(remedy)

@@ -7,7 +7,7 @@ from framework.identification.base_parameters import (
     torque_parameters,
     with_masses_and_motors,
 )
-from framework.identification.calibrate import Calibration, calibrate
+from framework.identification.calibrate import Calibration, FurtherPoses, calibrate
 from framework.identification.combinations import Combinations
 from framework.identification.conversions import Conversions
 from framework.identification.excite import Excitation, PeriodicMotion, excite
@@ -23,6 +23,7 @@ __all__ = [
     "Conversions",
     "Excitation",
     "Fixture",
+    "FurtherPoses",
     "Geometry",
     "Identification",
     "IdentifiedQuantity",

@@ -253,14 +253,14 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
         NotAssembled: the loops close nowhere near the reference.
     """
     require_square(robot)
-    q, x = _random_poses(robot, count, random)  # (count, nq), (count, n)
+    q, x = random_poses(robot, count, random)  # (count, nq), (count, n)
     rate = np.sqrt(gravity_scale(robot) / robot.length)  # [1/s]
     dx = rate * robot.platform_scale * random.standard_normal((count, robot.n))
     ddx = rate**2 * robot.platform_scale * random.standard_normal((count, robot.n))
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
-def _random_poses(
+def random_poses(
     robot: ParallelRobot,
     count: int,
     random: np.random.Generator,

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotConverged, check_choice
+from framework.errors import InvalidInput, NotAssembled, NotConverged, check_choice
+from framework.identification.base_parameters import random_poses
 from framework.identification.combinations import (
     COEFFICIENT_ROUNDING,
     Combinations,
@@ -40,6 +42,7 @@ from framework.kinematics.continuation.forward_kinematics import forward_kinemat
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import positive
@@ -51,6 +54,13 @@ ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's a
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 
 
+class FurtherPoses(NamedTuple):
+    """Poses to measure next, with the same sensors."""
+
+    platform: Array  # (k, n)
+    deviations: Array  # (p,) of the parameters if these are measured too [m, rad]
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration(ReadOnlyArrays):
     """A calibrated geometry, validated by poses that were held out.
@@ -60,6 +70,7 @@ class Calibration(ReadOnlyArrays):
             deviations.
         combinations: the parameter combinations that the data determine; other directions keep the prior.
         unseen: descriptions of the directions that the data do not determine, with remedies.
+        further: poses that show most of what these data leave to the file.
         error_before, error_after: (m,) root mean square errors of the columns of `measured`, predicted from
             the motors' angles at the instants held out; zero for the motors themselves.
         noise: ratio of the residual to the assumed noise, by which deviations are scaled; 1 if the data are
@@ -76,6 +87,7 @@ class Calibration(ReadOnlyArrays):
     deviations: Array
     combinations: Combinations
     unseen: Names
+    further: FurtherPoses
     error_before: Array
     error_after: Array
     noise: float
@@ -114,6 +126,10 @@ class Calibration(ReadOnlyArrays):
                 for name, value, deviation in parameters
             },
             "unseen": self.unseen,
+            "further_poses": {
+                "platform": [dict(zip(self.robot.axis_names, x, strict=True)) for x in self.further.platform],
+                "standard_deviations": dict(zip(self.geometry.names, self.further.deviations, strict=True)),
+            },
             "errors_held_out": {
                 name: {"before": before, "after": after}
                 for name, before, after in list(errors)[self.robot.n_a :]  # without the motors
@@ -190,6 +206,7 @@ def calibrate(
         deviations=solver.deviations,
         combinations=combinations,
         unseen=_describe_unseen(geometry, training, training_q, equations, combinations),
+        further=_choose_further_poses(solver),
         error_before=predict_error(np.zeros_like(prior)),
         error_after=predict_error(solver.values),
         noise=solver.noise,
@@ -350,6 +367,40 @@ def _describe_unseen(
     return tuple(sentences)
 
 
+def _choose_further_poses(
+    solver: GaussNewton,
+    *,
+    count: int = 6,  # as many as an afternoon allows, and more than a leg has unknowns
+    candidates: int = 100,
+) -> FurtherPoses:
+    """Choose the poses whose measurements add most to those of the fit.
+
+    Of random poses within the joints' ranges each one chosen multiplies the determinant of the information
+    most: by det(1 + A C A'), where A are its equations and C is the covariance so far (D-optimal design;
+    Fedorov, "Theory of Optimal Experiments", 1972).
+    """
+    geometry, measured = solver.geometry, solver.measured
+    try:
+        q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
+    except NotAssembled:  # no platform poses beside the reference
+        return FurtherPoses(np.empty((0, geometry.model.n)), solver.deviations)
+    is_within = ~shares_beyond_limits(geometry.model.limits, q).any(axis=1)
+    q, x = q[is_within], x[is_within]
+    blank = replace(measured, values=np.zeros((len(q), len(measured.names))))  # equations do not need these
+    matrix = eliminate_poses(geometry, blank, q, solver.values).matrix
+    rows = matrix * solver.prior / solver.noise  # (k, m, p)
+    covariance = solver.covariance
+    chosen = []
+    for _ in range(min(count, len(q))):
+        spread = rows @ covariance @ rows.swapaxes(1, 2) + np.eye(rows.shape[1])  # (k, m, m)
+        best = int(np.argmax(np.linalg.slogdet(spread)[1]))
+        gain = rows[best] @ covariance  # (m, p)
+        covariance = covariance - gain.T @ np.linalg.solve(spread[best], gain)
+        chosen.append(best)
+    shares = np.sqrt(np.diag(covariance) / np.diag(solver.covariance))  # (p,)
+    return FurtherPoses(x[chosen], solver.deviations * shares)
+
+
 class GaussNewton:
     """Damped Gauss-Newton method for parameters and poses.
 
@@ -359,6 +410,7 @@ class GaussNewton:
     q: (T, nq) poses.
     prior: (p,) standard deviations of the file's parameters [m, rad].
     values, deviations: (p,) changes of the parameters from the file, and their standard deviations [m, rad].
+    covariance: (p, p) of the changes over `prior`, by the noise alone.
     weights: (T,) square roots of Huber's weights of the instants, which multiply residuals.
     noise: ratio of the residual to the assumed noise.
     degrees_of_freedom: number of equations minus number of parameters that they determine.
@@ -383,6 +435,7 @@ class GaussNewton:
         self.degrees_of_freedom = 0.0
         self.steps = 0
         self.deviations = prior
+        self.covariance = np.eye(len(prior))
         # eliminating the pose of an instant uses up as many equations as there are motors
         self.equations_per_instant = len(measured.names) - self.model.n_a
 
@@ -500,7 +553,9 @@ class GaussNewton:
         self._estimate_noise(equations, np.sqrt(np.sum(residual**2) / count))
         matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
-        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
+        R_inverse = np.linalg.inv(R)
+        self.covariance = R_inverse @ R_inverse.T
+        self.deviations = self.prior * np.linalg.norm(R_inverse, axis=1)
         # widen by Student's quantile (stdtrit) at the probability of `width` normal deviations (ndtr)
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width

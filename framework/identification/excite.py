@@ -56,13 +56,13 @@ from framework.numerics.output import Document, plain
 from framework.simulation import Simulation, simulate
 from framework.tolerances import SAME_PLACE
 
-HARMONICS = np.array([1, 2, 3, 5, 8, 12])
-INSTANTS = 6 * int(HARMONICS[-1])  # of a period at which a motion is judged during the search
-TRIALS = 400  # motions that the search tries
-GRAVITY = 9.81  # [m/s^2] default limit of the platform's acceleration
-MAX_SAMPLES = 100_000  # of the simulated recording
-CHUNK = 512  # instants whose regressors of all joints are in memory at once
-SEARCH_SHARE = 0.9  # of limits that the search uses, so that they hold between its instants
+HARMONICS = np.array([1, 2, 3, 5, 8, 12])  # a decade of frequencies: weight rules slow, inertia fast motions
+INSTANTS = 6 * int(HARMONICS[-1])  # of a period, in the search: six of the fastest wave, which miss 1/7 of it
+TRIALS = 400  # motions that the search tries: a few for each of about 30 amplitudes, in seconds
+GRAVITY = 9.81  # [m/s^2] default limit of the platform's acceleration: inertial forces as large as weights
+MAX_SAMPLES = 100_000  # of the simulated recording: 200 s at 500 Hz, 100 MB of equations
+CHUNK = 512  # instants whose regressors of all joints are in memory at once, 10 MB each
+SEARCH_SHARE = 0.9  # of limits that the search uses: between six instants a wave exceeds them by up to 1/7
 
 
 class PeriodicMotion(NamedTuple):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.identification.recording import DISTANCE, LINEAR_AXES, TOUCH
-from framework.numerics.arrays import Array, Names
+from framework.numerics.arrays import LEAST_DIVISOR, Array, Names
 
 IN_PLANE = 1e-6  # least spread of points over the largest, below which they lie in a plane
 
@@ -41,7 +41,7 @@ class Fixture(NamedTuple):
         if self.axis is None:
             arms = points - numbers
             distances = np.linalg.norm(arms, axis=1)
-            directions = arms / distances[:, None]
+            directions = arms / np.maximum(distances, LEAST_DIVISOR)[:, None]  # at the point itself none
             return distances - values, directions, -directions
         columns = _plane_columns(points, self.axis, self.length)
         normal = np.insert(-numbers[1:] / self.length, self.axis, 1.0)

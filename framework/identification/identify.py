@@ -43,7 +43,7 @@ from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import BETTER_DEVIATIONS, SIGNIFICANT_DEVIATIONS
+from framework.tolerances import BETTER_DEVIATIONS, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by these names
 UNDETERMINED_SPREAD = 1e-3  # of a combination that stays at the file's value, over its deviation or size
@@ -59,6 +59,7 @@ class IdentifiedQuantity(NamedTuple):
     deviation: float
     file: float
     determined: bool  # the data leave less than half of the deviation that the prior allows
+    alone: bool  # exciting motions determine it apart from all else that is asked
 
 
 class Prediction(NamedTuple):
@@ -324,7 +325,7 @@ def identify(
         parameters=parameters,
         links=links,
         link_values=possible.values,
-        quantities=_describe(robot, links, possible, free, prior),
+        quantities=_describe(robot, links, possible, free, prior, by_links),
         predictions=_compare(robot, base, links, rows, test, twin, fit, errors, only),
         noise=fit.noise,
         steps=_torque_steps(measured.torque),
@@ -526,11 +527,18 @@ BODY_QUANTITIES = {
 
 
 def _describe(
-    robot: ParallelRobot, links: LinkParameters, possible: PossibleParameters, free: IntArray, prior: float
+    robot: ParallelRobot,
+    links: LinkParameters,
+    possible: PossibleParameters,
+    free: IntArray,
+    prior: float,
+    by_links: Array,
 ) -> tuple[IdentifiedQuantity, ...]:
     """Return masses, centres, inertias about them, and motor parameters, with deviations.
 
     The covariance C of the parameters of a link gives that of its quantities, J C J', with J by differences.
+    Motions without noise leave the covariance of what changes no base parameter, so a quantity that varies
+    there is none that torques show alone. `by_links` (rank, f) are the base parameters' derivatives.
     """
     table: list[tuple[str, str]] = []  # names and units of the u quantities
     table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
@@ -547,9 +555,14 @@ def _describe(
     deviations = np.sqrt(np.vecdot(J @ possible.covariance, J))
     by_prior = np.linalg.norm(J * allowed, axis=1)
     in_file = _body_quantities(links, links.values)
+    J_free = J[:, free] * allowed[free]  # (u, f)
+    rows = by_links * allowed[free]  # (rank, f)
+    shown = np.linalg.pinv(rows, rcond=RANK_ROUNDING) @ rows  # (f, f) projects on what motions show
+    left = np.linalg.norm(J_free - J_free @ shown, axis=1)  # deviations that motions leave at best
+    determined, alone = deviations < 0.5 * by_prior, left < 0.5 * by_prior
     return tuple(
         IdentifiedQuantity(
-            *table[k], values[k], deviations[k], in_file[k], bool(deviations[k] < 0.5 * by_prior[k])
+            *table[k], values[k], deviations[k], in_file[k], bool(determined[k]), bool(alone[k])
         )
         for k in np.flatnonzero(by_prior)
     )

@@ -264,7 +264,7 @@ class StepEquations:
         tangent = equations.tangent(q, v, a)  # left side of the equations and loop Jacobian, linearised
         applied = equations.motor_forces(torque)
         if world.acts:
-            applied += world(equations.robot, self.times, q)
+            applied += world(equations.robot, self.times, q, v)
             world_by_q = world.slope(equations.robot, self.times, tangent.frames)
             tangent = tangent._replace(by_q=tangent.by_q - world_by_q)
         loop_forces = np.einsum("smi,sm->si", tangent.jacobian, multipliers)  # J' lambda
@@ -287,6 +287,9 @@ class StepEquations:
             gains_q, gains_v = robot.gear_ratio[:, None] * gains  # (n_a, nv) each, joint side
             by_q[:, robot.actuated] -= gains_q
             by_v[:, robot.actuated] -= gains_v
+        world_gains = self.drive.world.gains(robot, self.time, *self.start)
+        if world_gains is not None:
+            by_q, by_v = by_q - world_gains[0], by_v - world_gains[1]
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
             return NewtonMatrix.of(
@@ -309,7 +312,7 @@ class StepEquations:
         """
         robot = self.equations.robot
         q, v, offset_rate = self._integrate_to_nodes(a, balance.offset_rate)
-        drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q)
+        drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q, v)
         return CollocationStep(
             table=self.table,
             time=self.time,

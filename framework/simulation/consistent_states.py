@@ -146,7 +146,7 @@ def consistent_state(
         if light.shape[1]:
             # sum of gravity, springs and damping minus motor and external forces
             unbalanced = tangent.force[0] + equations.damping * v - driven
-            unbalanced -= world(robot, np.zeros(1), q[None])[0]
+            unbalanced -= world(robot, np.zeros(1), q[None], np.atleast_2d(v))[0]
             step += light @ balancing_step(equations, tangent, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
         # a step of a radian or of the robot's length, or NaN: Newton's method diverges, reported below

@@ -1,17 +1,19 @@
 """What drives a simulated robot: motor torques and external wrenches.
 
 Motor torques are planned, a function of time, or feedback of the state; a `Drive` computes all of them by one
-call. It also holds the external wrenches, since a table of wrenches may be given along the planned motion. A
-wrench w on a frame causes the generalised forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's
-origin on base axes. Nothing of the inverse dynamics is used here.
+call. It also holds the external wrenches, since a table of wrenches may be given along the planned motion,
+and forces of the world that are functions of time and state, such as springs between two points. A wrench w
+on a frame causes the generalised forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's origin on
+base axes. Nothing of the inverse dynamics is used here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from inspect import Parameter, signature
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -31,12 +33,53 @@ PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path para
 # ------------------------------------------------------------------ external wrenches
 
 
+ForceFunction = Callable[[float, Array, Array], ArrayLike]  # of t [s], q (nq,) and v (nv,)
+
+
+class StateForce(NamedTuple):
+    """A force on a joint or a wrench on a frame, a function of time and state."""
+
+    place: str  # joint that moves, link, or joint that does not
+    columns: range | None  # rates of the joint; None for a frame
+    function: ForceFunction  # [N m, N] along these; of a frame force and moment (6,) at it, base axes
+
+    @staticmethod
+    def of(robot: ParallelRobot, place: str, function: ForceFunction) -> StateForce:
+        """Return the force on a joint or frame of a name.
+
+        Raises:
+            InvalidInput: unknown name, or no function.
+        """
+        if not callable(function):
+            raise InvalidInput(f"forces: {place}: needs a function of t, q, v, got {type(function).__name__}")
+        model = robot.model
+        if model.existJointName(place):
+            joint = model.joints[model.getJointId(place)]
+            return StateForce(place, range(joint.idx_v, joint.idx_v + joint.nv), function)
+        ExternalWrenches.of({place: np.zeros(6)}).check_frames(robot)
+        return StateForce(place, None, function)
+
+    def __call__(self, robot: ParallelRobot, t: float, q: Array, v: Array) -> Array:
+        """Compute the generalised force (nv,) [N m, N]."""
+        value = np.atleast_1d(self.function(t, q, v))
+        where = f"forces: {self.place} at t = {t:.9g} s"
+        if self.columns is None:
+            frame = frame_index(robot.model, self.place)
+            jacobian = pin.computeFrameJacobian(robot.model, scratch_of(robot).data, q, frame, AXES)
+            force: Array = finite_numbers(where, value, 6) @ jacobian
+            return force
+        force = np.zeros(robot.nv)
+        force[self.columns] = finite_numbers(where, value, len(self.columns))
+        return force
+
+
 @dataclass(frozen=True, eq=False)
 class WorldForces:
-    """The generalised forces that external wrenches exert on a robot over time."""
+    """The generalised forces that the world exerts on a robot: external wrenches, functions of the state."""
 
     wrenches: ExternalWrenches
     path_coordinate: PathCoordinate | None  # None if all wrenches are constant
+    functions: tuple[StateForce, ...] = ()
 
     @staticmethod
     def of(
@@ -63,13 +106,18 @@ class WorldForces:
 
     @property
     def acts(self) -> bool:
-        """Whether any wrench acts."""
-        return bool(self.wrenches.entries)
+        """Whether any wrench or force acts."""
+        return bool(self.wrenches.entries or self.functions)
 
     def __call__(
-        self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
+        self,
+        robot: ParallelRobot,
+        t: Array,
+        q: Array,
+        v: Array,
+        models: Sequence[pin.Model] | None = None,
     ) -> Array:
-        """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s] and q (T, nq).
+        """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s], q (T, nq) and v (T, nv).
 
         Args:
             models: a pinocchio model for each state, of robots that differ from `robot` in numbers alone,
@@ -89,10 +137,24 @@ class WorldForces:
                 if entry.turns:  # the wrench is given on the frame's axes: rotate force and moment
                     wrench = (wrench.reshape(2, 3) @ data.oMf[frame].rotation.T).ravel()
                 force[k] += wrench @ jacobian
+        return force + self._forces_of_state(robot, t, q, v)
+
+    def _forces_of_state(self, robot: ParallelRobot, t: Array, q: Array, v: Array) -> Array:
+        """Compute the generalised forces (T, nv) of the functions."""
+        force = np.zeros((len(q), robot.nv))
+        for one in self.functions:
+            for k, instant in enumerate(map(float, t)):
+                force[k] += one(robot, instant, q[k], v[k])
         return force
 
+    def gains(self, robot: ParallelRobot, t: float, q: Array, v: Array) -> Array | None:
+        """Compute the derivatives (2, nv, nv) of the functions by q (nq,) and v (nv,); None without any."""
+        if not self.functions:
+            return None
+        return state_derivatives(robot, partial(self._forces_of_state, robot), t, q, v)
+
     def slope(self, robot: ParallelRobot, t: Array, frames: FrameStack) -> Array:
-        """Compute the derivatives (T, nv, nv) of the forces by tangent steps of q.
+        """Compute the derivatives (T, nv, nv) of the forces of wrenches by tangent steps of q.
 
         Args:
             t: times (T,) [s].
@@ -105,6 +167,28 @@ class WorldForces:
     def _path_coordinates(self, t: Array) -> Array:
         """Return s (T,) at t (T,) [s]; 0 if all wrenches are constant."""
         return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
+
+
+def state_derivatives(
+    robot: ParallelRobot,
+    function: Callable[[Array, Array, Array], Array],
+    t: float,
+    q: Array,
+    v: Array,
+    *,
+    # [rad, m; rad/s, m/s] step of the differences
+    step: float = 1e-7,
+) -> Array:
+    """Compute the derivatives (2, k, nv) of k functions of t (T,), q (T, nq), v (T, nv) by q and v."""
+    nv = robot.nv
+    times = np.full(nv, t)
+    # central differences; row k of the stacks of nv states steps joint k
+    steps = step * np.eye(nv)
+    same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
+    ahead, back = integrate(robot, q, steps), integrate(robot, q, -steps)
+    by_q = function(times, ahead, same_v) - function(times, back, same_v)  # (nv, k)
+    by_v = function(times, same_q, v + steps) - function(times, same_q, v - steps)
+    return np.stack([by_q.T, by_v.T]) / (2 * step)
 
 
 NO_FORCES = WorldForces(ExternalWrenches(), path_coordinate=None)
@@ -190,30 +274,12 @@ class Drive:
             t = np.where(is_break, instant - 8 * unit, t)
         return t
 
-    def gains(
-        self,
-        t: float,
-        q: Array,
-        v: Array,
-        *,
-        # [rad, m; rad/s, m/s] step of the differences of a feedback torque
-        feedback_difference: float = 1e-7,
-    ) -> Array | None:
+    def gains(self, t: float, q: Array, v: Array) -> Array | None:
         """Compute the derivatives (2, n_a, nv) of a feedback torque by q (nq,) and v (nv,) at t [s].
 
         None without feedback.
         """
-        if not self.feedback:
-            return None
-        nv = self.robot.nv
-        times = np.full(nv, t)
-        # central differences; row k of the stacks of nv states steps joint k
-        steps = feedback_difference * np.eye(nv)
-        same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
-        ahead, back = integrate(self.robot, q, steps), integrate(self.robot, q, -steps)
-        by_q = self(times, ahead, same_v) - self(times, back, same_v)  # (nv, n_a)
-        by_v = self(times, same_q, v + steps) - self(times, same_q, v - steps)
-        return np.stack([by_q.T, by_v.T]) / (2 * feedback_difference)
+        return state_derivatives(self.robot, self, t, q, v) if self.feedback else None
 
     @staticmethod
     def of(
@@ -221,6 +287,7 @@ class Drive:
         source: Any,
         breaks: Sequence[float] = (),
         wrenches: Mapping[str, Any] | None = None,
+        forces: Mapping[str, ForceFunction] | None = None,
     ) -> Drive:
         """Make the drive from a `source`: a planned motion, torque(t) or torque(t, q, v).
 
@@ -229,14 +296,17 @@ class Drive:
         Args:
             breaks: instants [s] at which torque(t) jumps or has a kink.
             wrenches: external wrenches; None for those of the planned motion, if any.
+            forces: functions of t, q, v by joint or frame, see `StateForce`.
 
         Raises:
             InvalidInput: the source is none of these; a plan has another number of motors; wrenches are
                 invalid; or breaks or wrenches are given with a Drive, which has its own.
         """
         if isinstance(source, Drive):
-            if len(breaks) or wrenches is not None:
-                raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
+            if len(breaks) or wrenches is not None or forces:
+                raise InvalidInput(
+                    "torque: a Drive has its own breaks and wrenches; leave out these and forces"
+                )
             return source
 
         instants = finite_numbers("breaks", breaks, real_numbers("breaks", breaks).size).tolist()
@@ -244,6 +314,8 @@ class Drive:
         planned_wrenches = getattr(motion, "wrenches", NO_WRENCHES)
         applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, applied, getattr(motion, "law", None))
+        functions = tuple(StateForce.of(robot, *item) for item in (forces or {}).items())
+        world = replace(world, functions=functions)
         if motion is not None:
             return _drive_by_plan(robot, motion, instants, world)
 

@@ -164,7 +164,8 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
                 torque = drive(edges[k : k + 1], q[None], v[None])[0]
             world = np.zeros_like(v)  # generalised forces of the external wrenches
             if drive.world.acts:
-                world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
+                middle = integrate(robot, q, 0.5 * h * v)[None]
+                world = drive.world(robot, middles[k : k + 1], middle, v[None])[0]
             end = stepper.step(q, v, torque, h, world=world)
             if not all(np.all(np.isfinite(part)) for part in end):
                 raise NotConverged(

@@ -47,7 +47,7 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import select_fields
 from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
-from framework.simulation.drive import Drive, PlannedMotion, planned_motion
+from framework.simulation.drive import Drive, ForceFunction, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion, State
 from framework.simulation.methods import METHODS, Integration, IntegrationTask, MethodSettings
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Trajectory
@@ -292,6 +292,7 @@ def simulate(
     stages: int | None = None,
     damping: ArrayLike | None = None,
     wrenches: Mapping[str, Any] | None = None,
+    forces: Mapping[str, ForceFunction] | None = None,
     breaks: Sequence[float] = (),
     events: Sequence[Event] = (),
     samples: int = 501,
@@ -318,6 +319,8 @@ def simulate(
         wrenches: external wrenches by link or joint, each on this body at its origin, (force, moment) (6,)
             [N, N m] or a table over s; by default those of the planned motion; {} for none. A table needs a
             planned motion, which determines s at each instant.
+        forces: forces of the world by joint or frame, functions of t, q (nq,), v (nv,): of a joint that moves
+            its own force or torque, of other frames and links force and moment (6,) there, on base axes.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
         samples: number of equidistant instants in the result of reference and stiff; fast returns the ends of
@@ -340,7 +343,7 @@ def simulate(
     settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, MIN_ROWS, MAX_ROWS)
     equations = EquationsOfMotion.of(robot, damping)
-    complete_drive = Drive.of(robot, drive, breaks, wrenches)
+    complete_drive = Drive.of(robot, drive, breaks, wrenches, forces)
     planned = planned_motion(drive)
     task = IntegrationTask(
         equations=equations,

@@ -18,6 +18,7 @@ def test_a_tolerance_that_is_said_to_do_does():
     with pytest.raises(NotConverged, match="would do") as caught:
         plan_scene(robot, scene, tolerance=1e-17)
     enough = float(re.search(r"tolerance (\S+) would do", str(caught.value)).group(1))
+    assert caught.value.remedy == {"tolerance": enough}
     assert 1e-17 < enough < 1e-10
     certificate = plan_scene(robot, scene, tolerance=enough).certificate
     assert max(certificate.tail, certificate.change) <= enough

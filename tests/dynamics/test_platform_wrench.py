@@ -5,9 +5,10 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.dynamics.platform_wrench import hold_at, platform_wrench
+from framework.dynamics.platform_wrench import _unscale_polytope, hold_at, platform_wrench
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import motor_speeds
+from framework.numerics.polytope import zonotope
 from framework.singularity.jogging import describe_jogged_pose, move_platform
 
 
@@ -59,3 +60,16 @@ def test_no_torque_holds_a_push_along_t_s_on_the_locus():
         at = move_platform(robot, at.q, 1, y)
         sizes.append(np.abs(hold_at(robot, at.q, np.array([0.0, 1.0])).torque).max())
     assert np.divide(sizes[1:], sizes[:-1]) == pytest.approx(10.0, rel=0.05)
+
+
+def test_a_polytope_in_other_units_contains_the_same_points():
+    rng = np.random.default_rng(3)
+    scale = np.array([1.0, 20.0, 0.1])
+    scaled = zonotope(rng.standard_normal(3), rng.standard_normal((4, 3)))
+    converted = _unscale_polytope(scaled, scale)
+    points = scaled.vertices.mean(axis=0) + 1.5 * rng.standard_normal((200, 3))
+    inside = scaled.contains(points)
+    assert 10 < inside.sum() < 190
+    np.testing.assert_array_equal(converted.contains(points / scale), inside)
+    np.testing.assert_allclose(np.linalg.norm(converted.normals, axis=1), 1.0)
+    assert converted.contains(converted.vertices).all()

@@ -327,6 +327,28 @@ def test_touches_of_a_plane_show_what_their_heights_show(gauges, tmp_path):
     assert any("touch_y.slope_z" in said for said in found.unseen)
 
 
+def test_further_poses_leave_the_deviations_that_are_said(tmp_path):
+    """Poses in a window of a millimetre leave the rods to the file; those advised are measured as well."""
+
+    def measure(x: np.ndarray, y: np.ndarray) -> Recording:
+        return measured_by("platform_y", y + 1e-6 * random.standard_normal(len(y)), true, x, y)
+
+    random = np.random.default_rng(0)
+    true = (RODS[0] + 1e-3, RODS[1] - 1e-3)
+    nominal = sliders_with_rods(tmp_path, RODS)
+    options = {"joints": ["rod_a", "rod_b"], "noise": {"motor_angle": 1e-6, "platform": 1e-6}}
+    near = measure(*(np.array([[0.0], [0.2]]) + random.uniform(-5e-4, 5e-4, (2, 40))))
+    first = calibrate(nominal, near, **options)
+    further = measure(*first.further.platform.T)
+    rows = near.values.copy()
+    rows[[0, 1, 2, 4, 5, 6]] = further.values  # not of every fourth row, which is held out
+    second = calibrate(nominal, Recording("poses", near.names, rows), **options)
+    assert (first.further.deviations < 0.2 * first.deviations).all()
+    ratios = second.deviations / first.further.deviations
+    assert (ratios > 0.5).all()
+    assert (ratios < 2.0).all()  # both estimate the noise, from 30 equations
+
+
 @pytest.mark.parametrize(
     ("change", "option"),
     [

@@ -278,6 +278,10 @@ def test_what_one_stroke_shows_of_sums_is_not_lost(name):
     assert len(found.undetermined) >= found.base.rank / 2
     assert found.error_before.min() > 0.5
     assert_predicted_to_the_noise(found, true, data)
+    alone = {quantity.name for quantity in found.quantities if quantity.alone}
+    assert {quantity.name for quantity in found.quantities if quantity.determined} <= alone
+    assert {f"{joint}.friction" for joint in nominal.actuator_names} <= alone
+    assert not alone & set(found.base.without_effect)
 
 
 def test_unequal_time_steps_are_taken_as_they_are():

@@ -10,6 +10,7 @@ from framework import InvalidInput, locate_singularities, trace_locus
 from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import leg_signs, legs
 from framework.planning.scenes import scene_path
+from framework.singularity.curve_tracing import LocusEquations
 from framework.singularity.drawn_locus import locus_curves
 from tests.robots.test_gough_stewart import plucker
 from tests.singularity.test_points_on_path import LEFT, LENGTH, RIGHT
@@ -261,3 +262,11 @@ def test_slices_that_cannot_be_are_refused():
         trace_locus(robot, q, free=("x", "elbow"))
     with pytest.raises(InvalidInput, match="one motor for each freedom"):
         trace_locus(robots.load("two_arms"), robots.load("two_arms").reference.q, free=("x", "y"))
+
+
+def test_offsets_take_back_the_steps_of_hinges_and_slides():
+    robot = robots.load("three_rpr")  # whose length is not one
+    equations = LocusEquations.of(robot, robot.reference.q, robot.reference.x, None)
+    steps = np.linspace(-0.3, 0.3, len(robot.moving))[None]
+    start = robot.reference.q[None]
+    np.testing.assert_allclose(equations.offsets(start, equations.move(start, steps)), steps, atol=1e-14)

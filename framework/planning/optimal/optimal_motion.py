@@ -30,6 +30,7 @@ from framework.errors import (
     NotConverged,
     SpringsTooSoft,
     UnboundedTorque,
+    format_distinct,
     round_up,
 )
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
@@ -235,6 +236,7 @@ class _ElasticSearch:
     response: the response of the torques to the law, about that motion.
     speed_places: s of the crossings of that motion, where the required speeds, if any, must hold.
     best_motion: the best certified motion within the limits.
+    least_excess: the least ratio of a certified motion's torques and speeds to the limits.
     first_failure: raised if no stage succeeds.
     """
 
@@ -252,6 +254,7 @@ class _ElasticSearch:
     response: TorqueResponse | None = None
     speed_places: list[float] | None = None
     best_motion: OptimalMotion | None = None
+    least_excess: float = np.inf
     first_failure: NoAnswer | None = None
 
     def run(self) -> OptimalMotion:
@@ -268,6 +271,7 @@ class _ElasticSearch:
 
             # keep the motion if it is within the limits and better than the best one
             excess = limit_excess(motion.dynamics, self.task.specification)
+            self.least_excess = min(self.least_excess, excess)
             is_new = motion is not self.best_motion  # otherwise the new law costs no less
             is_settled = not is_new
             if is_new and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
@@ -277,6 +281,10 @@ class _ElasticSearch:
                 report_result(_describe_cost(self.task, motion))
                 is_settled = self.balance is None or _has_predicted_peak(motion)
 
+            if excess > 1.0 and self._is_smoother_cheaper(excess):
+                self._choose_smoother(self._refuse_excess())
+                continue
+
             # end, or linearise about the motion and search again
             if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
@@ -284,10 +292,36 @@ class _ElasticSearch:
                 self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
-        raise self.first_failure or NotConverged(
-            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
-            residual=abs(excess - 1.0),
+        raise self._refuse(
+            NotConverged(
+                f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
+                residual=abs(self.least_excess - 1.0),
+            )
         )
+
+    def _refuse(self, failure: NoAnswer) -> NoAnswer:
+        """Return the refusal after a failure: limits are named only if a motion exceeded them."""
+        if 1.0 < self.least_excess < np.inf:
+            return self._refuse_excess()
+        return self.first_failure or failure
+
+    def _refuse_excess(self) -> NotConverged:
+        """Return the refusal that the motions found exceed the limits, with the least excess."""
+        excess, _ = format_distinct(self.least_excess, 1.0)
+        return NotConverged(
+            f"{self.task.robot.name}: no law was found whose motion with springs keeps the limits: "
+            f"the nearest motion found takes {excess} times the limits",
+            residual=self.least_excess - 1.0,
+        )
+
+    def _is_smoother_cheaper(self, excess: float) -> bool:
+        """Return whether the next stage costs less than limits divided by an excess, without a response.
+
+        Durations grow as the root of what torques are divided by. The next stage costs its share.
+        """
+        if self.balance is not None or self.stage + 1 == len(self.stages):
+            return False
+        return np.sqrt(excess) - 1.0 > self.stages[self.stage + 1].share
 
     def _try_nearer(self) -> bool:
         """Lower the trusted share for one more law; return False after the least share."""
@@ -358,9 +392,10 @@ class _ElasticSearch:
         stage of splines follows.
         """
         stage = self.stages[self.stage]
-        is_first_series = self.response is None and stage.degree is not None  # without linear torques
         task = self.next_task
-        if is_first_series:  # splines are tried next, so a refusal needs no explanation yet
+        has_own_limits = task is self.task  # else lowered by the excess of this stage's last motion
+        is_first_series = self.response is None and stage.degree is not None and has_own_limits
+        if is_first_series or not has_own_limits:  # other laws are tried next: no explanation is needed yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.speed_places)
         degree = stage.degree if self.response is None else len(self.response.y) - 1
@@ -389,6 +424,9 @@ class _ElasticSearch:
     def _choose_smoother(self, failure: NoAnswer) -> None:
         """Proceed to the next stage after a failure, without the results of the last stage.
 
+        Limits lowered by the excess of its motions are such results: under other laws springs add other
+        torques.
+
         Raises:
             NoAnswer: no smoother law can help, or no stage is left.
         """
@@ -401,9 +439,10 @@ class _ElasticSearch:
         if self.first_failure is None:
             self.first_failure = failure
         self.balance = self.response = self.speed_places = None
+        self.next_task = self.task
         self.stage += 1
         if self.stage == len(self.stages):
-            raise self.first_failure from None
+            raise self._refuse(failure) from None
 
     def _check_ends(self) -> None:
         """Raise NoLaw if the robot at rest has no equilibrium at an end of the path.
