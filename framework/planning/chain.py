@@ -30,7 +30,7 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
 from framework.planning.request import SMOOTHNESS, specification_of
 from framework.planning.result import CrossingPlan
-from framework.tolerances import SEAM_JUMP, SEAM_JUMP_GROWTH
+from framework.tolerances import AT_REST, SEAM_JUMP, SEAM_JUMP_GROWTH
 
 END_SAMPLES = 1001  # of a chain, for the largest speed of its motors
 
@@ -43,6 +43,8 @@ def restart_plan(
     robot = plan.robot
     orders = SMOOTHNESS[robot.n_e > 0]
     motion = [plan.platform(t, k) for k in range(orders + 1)]
+    if path is not None and _is_at_rest(plan, motion[1]):
+        raise InvalidInput(f"path: at t = {t:g} s the platform rests, a restart needs s' > 0")
     if isinstance(path, Sequence | np.ndarray):
         path = DepartingCurve.to_goal(robot, motion, finite_numbers("path", path, robot.n))
     elif path is None:
@@ -253,6 +255,12 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
                 "path: the platform rests at its start or moves backwards, a restart needs s' > 0"
             )
     return tuple(map(float, derivatives))
+
+
+def _is_at_rest(plan: CrossingPlan, rate: Array) -> bool:
+    """Return whether a rate (n,) of the platform is rounding of the largest of a plan."""
+    rates = plan.platform(np.linspace(0.0, plan.duration, 201), 1) / plan.robot.platform_scale  # (T, n)
+    return bool(np.abs(rate / plan.robot.platform_scale).max() <= AT_REST * np.abs(rates).max())
 
 
 def _has_varying_wrenches(plan: CrossingPlan) -> bool:
