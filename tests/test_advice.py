@@ -21,6 +21,7 @@ from framework import (
 from framework.cli import main
 from framework.cli.commands import COMMANDS
 from framework.planning.path_modification import plan_request_with_modified_path
+from framework.planning.request import Request
 from framework.planning.scenes import scene_request
 
 LINE = "--from 0.1 0.345 --to -0.05 0.195"
@@ -244,6 +245,29 @@ def test_remedies_are_true_and_advise_no_law_that_was_tried(name):
                     assert scene_request(robot, scene, **options).kind == "polynomial"
                 planned(robot, scene, options | dict(refusal.remedy))
     assert advised or not refused
+
+
+CONTRADICTIONS = [
+    {"law": "polynomial", "optimize": "time", "duration": 1.5},
+    {"law": "polynomial", "margin": 0.1, "duration": 1.5},
+    {"law": "polynomial", "optimize": "energy", "longest": 2.0, "duration": 1.5},
+    {"optimize": "time", "times": [0.6], "speeds": [0.9], "duration": 1.5},
+    {"optimize": "time", "smoothness": 12, "duration": 1.5},
+    {"law": "polynomial", "optimize": "peak_torque"},  # wants a duration, which only the user can choose
+]
+
+
+@pytest.mark.parametrize("options", CONTRADICTIONS, ids=" ".join)
+def test_contradicting_options_are_answered_with_what_makes_them_valid_together(options):
+    robot, path = robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195])
+    limited = {"torque_limit": 2.0, **options}
+    with pytest.raises(InvalidInput) as caught:
+        Request.of(robot, path, **limited)
+    remedy = caught.value.remedy
+    assert (remedy is None) == (options is CONTRADICTIONS[-1])
+    if remedy is not None:
+        changed = {**limited, **remedy}
+        Request.of(robot, path, **{key: value for key, value in changed.items() if value is not None})
 
 
 @pytest.mark.slow

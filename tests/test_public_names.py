@@ -166,7 +166,20 @@ def test_a_record_that_a_public_function_takes_or_returns_is_public() -> None:
     assert hidden == {}
 
 
-# ------------------------------------------------------------------ those of the version before
+# ------------------------------------------------------------------ those of the versions before
+
+OPTIONS = [line.split() for line in (ROOT / "tests/data/public_options_of_0.8.txt").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("package", sorted({package for package, *_ in OPTIONS}))
+def test_functions_take_the_options_that_they_took_in_0_8(package: str) -> None:
+    for place, path, *options in OPTIONS:
+        if place == package:
+            function: Any = importlib.import_module(package)
+            for name in path.split("."):
+                function = getattr(function, name)
+            assert set(options) <= inspect.signature(function).parameters.keys(), path
+
 
 OLD = [tuple(line.split()) for line in (ROOT / "tests/data/public_names_of_0.7.txt").read_text().splitlines()]
 

@@ -112,14 +112,14 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]
     if len(unseen) > MAX_LISTED:
         lines.append(f"    and {len(unseen) - MAX_LISTED} more, see --json")
-    return lines + _further_lines(calibration)
+    return lines + _list_further_poses(calibration)
 
 
-def _further_lines(calibration: Calibration, *, less: float = 0.5) -> list[str]:
-    """Name poses that bring deviations below a share `less` of what they are, and these deviations."""
+def _list_further_poses(calibration: Calibration) -> list[str]:
+    """List the poses to measure next, and the deviations that they would at least halve."""
     further = calibration.further
     gain = further.deviations / calibration.deviations
-    shown = np.argsort(gain)[: np.count_nonzero(gain < less)]
+    shown = np.argsort(gain)[: np.count_nonzero(gain < 0.5)]
     if not len(shown):
         return []
     names = calibration.geometry.names

@@ -107,8 +107,8 @@ def add_plan_options(parser: OneLineParser) -> None:
         "--robust",
         nargs="+",
         metavar="NAME=P",
-        help="leave the controller lqg the least margin on the torque limits with which robots pass that "
-        "differ by these shares, such as payload=10%% stiffness=20%% friction=5%%; say what it costs",
+        help="leave the controller lqg a margin on the torque limits, as small as found, with which robots "
+        "pass that differ by these shares, such as payload=10%% stiffness=20%% friction=5%%; say its cost",
     )
     robust.add_argument(
         "--sensors", nargs="+", metavar="NAME", help="that lqg reads, as in robustness (default: motors)"
@@ -298,7 +298,7 @@ def _make_plan(
 def _plan_robustly(
     options: Namespace, robot: ParallelRobot, request: Request
 ) -> tuple[CrossingPlan, Document, list[str]]:
-    """Plan with the least margin that --robust needs; return also its document and lines."""
+    """Plan with the margin that --robust finds; return also its document and lines."""
     from framework.control.robust_plan import plan_robustly
     from framework.control.sensors import ControlLoop
     from framework.control.variations import Spread

@@ -232,7 +232,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     """Return the bandwidth [rad/s] of least predicted deviation of the platform, see `FeedforwardPD.tune`."""
     robot = reference.robot
     model = linearise_plan(reference, ("torque",))
-    plant = Plant.without_readings(model)
+    plant = Plant.of(model)
     start = np.zeros(model.A.shape[1])
     start[2 * model.m :] = 1.0
     largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)

@@ -38,8 +38,8 @@ class Plant(NamedTuple):
     D: Array  # (K, s, n_a)
 
     @staticmethod
-    def without_readings(model: LinearModel) -> Plant:
-        """Return the plant of a linear model whose z is measured."""
+    def of(model: LinearModel) -> Plant:
+        """Return the plant of a linear model, without readings."""
         count, N, n_a = model.G.shape
         return Plant(model.F, model.G, np.zeros((count, 0, N)), np.zeros((count, 0, n_a)))
 

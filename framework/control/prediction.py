@@ -154,7 +154,7 @@ class LinearModels(NamedTuple):
         """Return the feedback of motors' angles and speeds, and the robots."""
         gain = motor_gains(self.reference, self.within[0], controller.feedback)
         delay = loop.delayed_periods(self.reference.period)
-        plants = [Plant.without_readings(model) for model in (*self.within, *self.ends)]
+        plants = [Plant.of(model) for model in (*self.within, *self.ends)]
         return Feedback(gain, delay, observer=None, predicts=False), plants
 
     def _feedback_of_filter(self, controller: Regulator, own: Filter) -> tuple[Feedback, list[Plant]]:
@@ -229,15 +229,17 @@ def predict_by_sensors(
     spread: Spread,
     *,
     tuning: Tuning | None = None,
+    sets: Sequence[str] = SENSOR_SETS,
     models: LinearModels | None = None,
 ) -> list[LoopPrediction]:
-    """Predict the deviations of lqg for each of SENSOR_SETS that the robot has and that reads more.
+    """Predict the deviations of lqg for each set of sensors that the robot can have.
 
     Args:
         reference: plan at the sampling instants.
         loop: known delay and steps of encoders; its sensors do not count.
         spread: of robots about the model.
         tuning: what a designer chooses of lqg.
+        sets: sets of sensors; those that read the same as an earlier one are left out.
         models: linear models of these, if there are any.
 
     Raises:
@@ -246,7 +248,7 @@ def predict_by_sensors(
     models = models or LinearModels.of(reference, spread, tuning or Tuning())
     predictions: list[LoopPrediction] = []
     seen: list[Array] = []
-    for sensors in SENSOR_SETS:
+    for sensors in sets:
         one = replace(loop, sensors=sensors)
         try:
             rows = sensors_of(reference.robot, one)

@@ -1,7 +1,8 @@
-"""The quickest or calmest plan whose stated spread of robots still passes under feedback, `plan_robustly`.
+"""A plan with a margin on its limits, with which a stated spread of robots passes, `plan_robustly`.
 
 A law at the torque limits leaves nothing to a controller. A margin on the limits leaves it some, and costs
-time or torque. The least margin is searched by doubling and bisection. A plan counts as robust if lqg is
+time or torque. A margin is searched by doubling and bisection: a smaller one may do where a larger one
+fails, and is not found then. A plan counts as robust if lqg is
 predicted to keep the tolerance within the torque limits, and then passes with all TRIAL_RUNS drawn robots.
 """
 
@@ -22,7 +23,7 @@ from framework.planning.result import CrossingPlan
 
 FIRST_MARGIN = 0.025  # share of the limits, doubled while the plan is not robust
 LARGEST_MARGIN = 0.4
-MARGIN_STEP = 0.0125  # to which the least margin is found
+MARGIN_STEP = 0.0125  # to which the search halves the last interval
 PREDICTED = (
     "lqg with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad, torques "
     "by {0.torque:.2g} of their peaks, in one standard deviation"
@@ -48,7 +49,7 @@ def plan_robustly(
     period: float = 1e-3,
     seed: int = 0,
 ) -> RobustPlan:
-    """Find the plan of least margin with which robots of a spread pass under lqg.
+    """Find a plan of small margin with which robots of a spread pass under lqg.
 
     Args:
         make_plan: returns the plan for a margin on the limits; without limits it is asked for margin 0 alone.

@@ -294,8 +294,8 @@ class StudySetup:
 
         The first are those of predictions within half of the tolerance, then of those within the tolerance.
 
-        The robots are not those of the study. Where all pass, more than 86 % of all robots pass with a
-        probability of 95 %.
+        The robots are not those of the study. Were a single set tried, its passing with all would show with
+        a confidence of 95 % that more than 86 % of all robots pass; of several tried it shows less.
 
         Returns:
             The trials; all robots pass in the last one, if in any.

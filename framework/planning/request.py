@@ -95,9 +95,10 @@ class Request(PlanOptions):
                     f"{name}: needs 1 to {self.smoothness} derivatives of s (the smoothness), got {count}"
                 )
         if self.bounded and self.law == "polynomial":
-            raise InvalidInput(
+            refusal = InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
-            ).advising({"law": None})
+            )
+            raise self._advise_change(refusal, law=None)
         if self.kind == "optimal":
             self._check_optimal()
         elif self.duration is None:
@@ -181,25 +182,38 @@ class Request(PlanOptions):
         There is no advice if the duration is missing: only the user can choose one.
         """
         if self.times is not None:
-            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
-                {"times": None, "speeds": None}
-            )
+            refusal = InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+            raise self._advise_change(refusal, times=None, speeds=None)
         if self.longest is not None and self.duration is not None:
-            raise InvalidInput("longest: bounds a duration that is open; give either, not both").advising(
-                {"duration": None}
-            )
+            refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
+            raise self._advise_change(refusal, duration=None)
         if self.goal == "time" and self.duration is not None:
-            raise InvalidInput("duration: with optimize time it is found; give longest to bound it").advising(
-                {"duration": None}
-            )
+            refusal = InvalidInput("duration: with optimize time it is found; give longest to bound it")
+            raise self._advise_change(refusal, duration=None)
         if self.goal != "time" and self.duration is None and self.longest is None:
             raise InvalidInput(
                 f"duration: optimize {self.goal} needs one, or longest: without, slower is always better"
             )
         if self.smoothness > HIGHEST_SMOOTHNESS:
-            raise InvalidInput(
+            refusal = InvalidInput(
                 f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
-            ).advising({"smoothness": HIGHEST_SMOOTHNESS})
+            )
+            raise self._advise_change(refusal, smoothness=HIGHEST_SMOOTHNESS)
+
+    def _advise_change(self, refusal: InvalidInput, **change: Any) -> InvalidInput:
+        """Return the refusal with a change of options that makes the request valid, if that can be.
+
+        The changed request is made, and where it contradicts itself in other options, their remedy is added.
+        None leaves an option out.
+        """
+        options = {
+            name: getattr(PlanOptions, name) if value is None else value for name, value in change.items()
+        }
+        try:
+            replace(self, **options)
+        except InvalidInput as other:
+            return refusal.advising(None if other.remedy is None else {**change, **other.remedy})
+        return refusal.advising(change)
 
 
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None, *, largest: int = 12) -> int:
