@@ -331,6 +331,7 @@ def test_all_modes_are_not_advised_where_none_has_a_pose(capsys, motors):
     assert "0 real" in run(capsys, f"pose five_bar --motors {motors} --all")[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration", "time", "has_remedy"), [(0.3, 0.2, True), (0.12, 0.08, False)])
 def test_the_undeformed_geometry_is_advised_only_where_it_has_a_plan(capsys, duration, time, has_remedy):
     """Springs too soft for a quick motion: the undeformed robot may be refused, too."""

@@ -183,6 +183,7 @@ def test_locate_tells_what_lies_before_a_path_ends(crossing):
         assert abs(rods_in_line(start + s * way)) < 1e-9
 
 
+@pytest.mark.slow
 def test_locate_without_a_path_gives_a_line_that_crosses_at_the_nearest_singular_pose(crossing, document):
     text = crossing("locate", "five_bar")[1]
     (line,) = re.findall(r"to cross there +crossing (.*)$", text, re.MULTILINE)
@@ -448,6 +449,7 @@ def test_where_the_answer_is_no_the_exit_code_is_1(refusal, tmp_path, command, w
 SLOW = pytest.mark.slow  # all commands take the same search
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [["check"], pytest.param(["locate"], marks=SLOW), pytest.param(["plan", "--scene", "C"], marks=SLOW)],

@@ -95,6 +95,7 @@ def test_misuse_is_told_in_one_line(refusal, arguments, complaint):
     assert complaint in refusal(2, "map", *arguments)
 
 
+@pytest.mark.slow
 def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(crossing, tmp_path, monkeypatch):
     module, count = sys.modules[workspace_map.__module__], []
     filled = module.fill_band

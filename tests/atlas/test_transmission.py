@@ -83,6 +83,7 @@ def test_without_mass_in_the_linkage_nothing_is_left_of_the_error():
     assert result.errors[0].nothing_known > 1
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_and_three_pictures(tmp_path, document, crossing):
     words = (
         "transmission",

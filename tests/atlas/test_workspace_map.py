@@ -107,6 +107,7 @@ def test_no_random_start_closes_the_loops_at_a_pose_out_of_reach(name):
         assert (closed == closable).all(), reason.name
 
 
+@pytest.mark.slow
 def test_other_working_modes_are_searched_from_random_starts_too():
     """From the nearest reached configuration alone the two arms reach two poses in another mode."""
     robot = robots.load("two_arms")

@@ -165,6 +165,7 @@ def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted(
     assert 1 / 1.5 < predicted / simulated < 1.5
 
 
+@pytest.mark.slow
 def test_more_sensors_never_deviate_more_and_the_least_that_pass_are_named():
     ref = reference("delta", "pick", "flexible_joints", 2e-3)
     predictions = {one.sensors: one for one in predict_by_sensors(ref, LOOP, WRONG)}
@@ -272,6 +273,7 @@ def test_sensors_are_read_by_name_and_refused_by_name():
         ControlLoop(sensors="motors eyes")
 
 
+@pytest.mark.slow
 def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refusal):
     short = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "5e-3", "--runs", "2"]
     told = document(*short, "--sensors", "suggest")

@@ -204,6 +204,7 @@ def test_what_cannot_be_is_refused_by_name(build, says):
 SHORT = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "5e-3", "--runs", "4"]
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_all_seeds_and_a_figure(tmp_path, capsys):
     arguments = [*SHORT, "--controller", "lqr", "naive_computed_torque", "--out", str(tmp_path / "study")]
     assert main(arguments) == 0
@@ -453,6 +454,7 @@ def test_a_file_that_is_no_study_is_refused_in_one_line(study, tmp_path, refusal
     assert "robustness.json" in err or str(tmp_path) in err
 
 
+@pytest.mark.slow
 def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     write_robot, crossing, tmp_path
 ):

@@ -13,6 +13,7 @@ from framework import Line, NotConverged, plan_crossing, plan_scene
 from framework.dynamics import elasticity
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_is_said_to_do_does():
     robot, scene = robots.load("five_bar", flexibility="flexible_links"), "C"
     with pytest.raises(NotConverged, match="would do") as caught:
@@ -24,6 +25,7 @@ def test_a_tolerance_that_is_said_to_do_does():
     assert max(certificate.tail, certificate.change) <= enough
 
 
+@pytest.mark.slow
 def test_the_last_change_is_part_of_the_verdict(monkeypatch):
     """Deflections that are off refuse a plan, however smooth its torques."""
     robot = robots.load("five_bar", flexibility="flexible_links")
@@ -47,6 +49,7 @@ def hurried(duration: float) -> str:
     return str(caught.value)
 
 
+@pytest.mark.slow
 def test_too_soft_is_said_only_with_the_deflection_that_proves_it():
     angle = float(re.search(r"too soft .* would deflect left_drive by (\S+) rad", hurried(0.02)).group(1))
     assert angle > 1.0  # beyond what a linear spring means

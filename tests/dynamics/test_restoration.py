@@ -31,6 +31,7 @@ def planned(kind: str, softness: float) -> CrossingPlan:
     return plan_crossing(asked.robot(softness), asked.path, duration=asked.duration, law="optimal")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "softness"), CASES)
 def test_the_equations_of_motion_hold_beside_the_crossing_too(kind, softness):
     assert is_right(judged(planned(kind, softness)))

@@ -85,6 +85,7 @@ def test_robots_of_all_kinds_have_motions(name):
     assert found.shown
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_motion(tmp_path, capsys):
     file = tmp_path / "motion.csv"
     words = ["excite", "five_bar_heavy", "--duration", "2", "--only", "payload", "--torque-limit", "0.05"]

@@ -144,6 +144,7 @@ def test_what_a_short_recording_does_not_show_stays_as_in_the_file(duration):
         assert moments.min() > -1e-13 * moments.max()
 
 
+@pytest.mark.slow
 def test_a_twin_no_better_than_the_file_is_not_written(tmp_path, capsys):
     """The file's own robot: nothing but noise can be found, and the answer is no."""
     robot = NOMINAL["five_bar_heavy"]
@@ -158,6 +159,7 @@ def test_a_twin_no_better_than_the_file_is_not_written(tmp_path, capsys):
     assert not (tmp_path / "twin").exists()
 
 
+@pytest.mark.slow
 def test_torques_in_steps_that_hide_the_motion_are_the_reason():
     robot = NOMINAL["five_bar_heavy"]
     data = measured(sines(robot, **SLOW), robot, 0).rows(slice(150))

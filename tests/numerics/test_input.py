@@ -107,6 +107,7 @@ def test_a_large_urdf_is_refused_before_it_takes_long(write_robot, text, reason)
     assert reason in refused(file, read_robot_file, RobotFileError)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

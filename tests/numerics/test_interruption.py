@@ -66,7 +66,7 @@ COMMANDS = {
     "robustness with workers": [*STUDY, "--workers", "2"],
 }
 pytestmark = pytest.mark.usefixtures("hearing")
-AT_ONCE = [("plan", signal.SIGTERM), ("robustness with workers", signal.SIGINT)]
+AT_ONCE = [("plan", signal.SIGTERM)]
 
 
 def started(*arguments: str) -> subprocess.Popen[str]:
@@ -189,6 +189,7 @@ def test_a_worker_that_is_interrupted_while_it_imports_says_nothing():
     assert (process.returncode, out, err) == (130, "", "crossing: interrupted\n")
 
 
+@pytest.mark.slow
 def test_an_interruption_while_matplotlib_is_imported_ends_with_one_line(tmp_path):
     with started("-c", INTERRUPTED_IMPORT, "robots", "--picture", os.fspath(tmp_path / "all.png")) as process:
         out, err = process.communicate(timeout=PATIENCE)
@@ -216,7 +217,8 @@ def test_an_interruption_that_other_code_makes_something_else_of_is_one_all_the_
 
 
 @needs_proc
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_no_worker_outlives_the_command(tmp_path, number):
     with begun([*COMMANDS["robustness with workers"], "--out", os.fspath(tmp_path)]) as process:
         wait_for(lambda: workers(process.pid, 2))

@@ -106,6 +106,7 @@ def test_leaving_by_an_error_ends_processes_and_tasks_at_once(tmp_path):
         one.submit(chores.square, 3)
 
 
+@pytest.mark.slow
 def test_a_process_ends_with_the_one_that_began_it(tmp_path):
     note = tmp_path / "note"
     program = (

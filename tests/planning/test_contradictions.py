@@ -65,6 +65,7 @@ def value(one: Crossing, asked: Asked) -> float:
     return law.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", with_cheapest([CHEAPEST, 2, 3, 4, 5, 6, 8, 22]))
 def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_request_finds(k):
     check_dominance(rigid_crossing(k), LONGEST[2:] if k == CHEAPEST else LONGEST)
@@ -137,6 +138,7 @@ def check_units(one: Crossing, original: Crossing) -> None:
     check_same(original, other, time=time, torque=mass * length**2 / time**2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", with_cheapest([CHEAPEST, 2, 3, 4, 8]))
 def test_units_direction_names_and_mirror_change_no_law(k):
     """All at once: what one of them did wrong, the others would not mend."""

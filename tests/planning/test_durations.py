@@ -32,6 +32,7 @@ def test_without_weight_four_times_the_torque_takes_half_of_the_time():
     np.testing.assert_allclose(strong, 0.5 * weak, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_laws_of_free_shape_begin_where_it_is_told_and_do_not_end():
     robot, limit = under(9.81), 3.0  # N m
     found = of_free_laws(robot, UPRIGHT, torque_limit=limit)

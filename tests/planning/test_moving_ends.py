@@ -47,6 +47,7 @@ def value_and_bound(plan: CrossingPlan) -> tuple[float, float]:
     return float(peak), bound.value * float(bound.reference.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ends", "peak", "duration"), FIGURES)
 def test_moving_ends_need_less_torque_and_time_and_the_bound_knows(ends, peak, duration):
     least_peak = plan_crossing(robot(), PATH, duration=1.5, law="optimal", **ends)

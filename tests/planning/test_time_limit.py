@@ -63,6 +63,7 @@ def test_no_time_is_no_limit():
         plan_scene(robots.load("five_bar"), "C", time_limit=0.0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
     """The signal comes as soon as there is a law, the best so far, which the command proves and prints."""
     shown = []

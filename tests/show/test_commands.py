@@ -149,6 +149,7 @@ def test_it_serves_until_it_is_told_to_end(end, machine):
         assert json.loads(out) == {"address": address, "ended": True}
 
 
+@pytest.mark.slow
 def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folder, tmp_path):
     code, out, _ = crossing("report", folder, "--json")
     file = folder / "report.html"

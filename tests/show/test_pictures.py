@@ -150,6 +150,7 @@ def test_several_films_move_side_by_side(monkeypatch):
         assert not np.array_equal(thirds[singular][:, scene], thirds[-1][:, scene])
 
 
+@pytest.mark.slow
 def test_robots_plans_and_maps_show_themselves_in_notebooks():
     formatters = pytest.importorskip("IPython.core.formatters")
     robot = robots.load("five_bar")

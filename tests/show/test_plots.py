@@ -202,6 +202,7 @@ def test_figures_are_drawn_on_the_axes_that_one_gives(crossing_plan, draw):
     assert curves(ax)
 
 
+@pytest.mark.slow
 def test_all_figures_are_saved_as_pages_of_a_pdf_and_as_png(crossing_plan, tmp_path):
     settings = dict(matplotlib.rcParams)
     document, *pictures = plots.save_figures(crossing_plan, tmp_path)

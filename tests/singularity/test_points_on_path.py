@@ -138,6 +138,7 @@ class Shaking:
         return np.stack([0 * turn, 0 * turn, turn], axis=-1)
 
 
+@pytest.mark.slow
 def test_a_searched_path_stays_on_the_branch_where_the_measure_does_not_see_the_motion():
     """The agile eye as a whole turns with its motors: no panel is halved for it, and its joints swing."""
     robot, path, s = robots.load("agile_eye"), Shaking(), np.linspace(0.0, 1.0, 400)

@@ -132,6 +132,7 @@ def test_a_speed_at_the_crossing_is_met(robot):
     assert crossing.speed == pytest.approx(1.5, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met():
     elastic = robots.load("five_bar", flexibility="flexible_joints")
     plan, rigid = (

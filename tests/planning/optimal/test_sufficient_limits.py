@@ -86,6 +86,7 @@ def test_limits_and_durations_that_would_do_count_damping_and_friction(damping, 
     )  # no law has less than the bound
 
 
+@pytest.mark.slow
 def test_a_limit_that_would_do_leaves_the_margin_free_that_was_asked_for():
     robot = robots.load("five_bar")
     options = {"duration": DURATION, "margin": 0.2}
